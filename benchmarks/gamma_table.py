@@ -19,6 +19,7 @@ import scipy.optimize
 
 from dryfric_control import FrictionAxis
 from dryfric_control.observer import design_pi_observer
+from dryfric_control.observer.certificate import Problem
 from dryfric_control.observer.error_model import error_models, mode_classes
 from dryfric_control.observer.memory import allowed_pairs, window_graph
 from dryfric_control.observer.synthesis import Scales, certified_solution, scales_of, solve_lmi
@@ -148,13 +149,14 @@ def scaling() -> None:
         ("states and channels", scales_of(models, weights)),
     ):
         scaled = scales.apply(models)
-        found = solve_lmi(scaled, graph, 1.0, paper=True)
+        problem = Problem(scaled, graph, 1.0)
+        found = solve_lmi(problem, paper=True)
         poles = max(
             np.max(np.abs(np.linalg.eigvals(scaled[key].closed(gain)[0])))
             for key, gain in zip(graph.labels, found.gains, strict=True)
         )
         try:
-            _, gamma = certified_solution(scaled, graph, 1.0, paper=True)
+            _, gamma = certified_solution(problem, paper=True)
             certified = f"{gamma / scales.output:.5f}"
         except ValueError as error:
             certified = f"refused: {error}"
@@ -182,7 +184,8 @@ def timing() -> None:
     scaled = scales_of(models, weights).apply(models)
     graph = window_graph(allowed_pairs(mode_classes(weights.uncertainty), None), 1)
     design = median_ms(lambda: design_pi_observer(axis, DT, **PAPER))
-    solve = median_ms(lambda: certified_solution(scaled, graph, DECAY))
+    problem = Problem(scaled, graph, DECAY)
+    solve = median_ms(lambda: certified_solution(problem))
 
     C = np.array([[1.0, 0.0, 0.0]])
     A = {k: cp.Parameter((3, 3), value=m.A) for k, m in scaled.items()}

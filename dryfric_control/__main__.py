@@ -7,6 +7,7 @@ import json
 import re
 import sys
 import warnings
+from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from dryfric_control.checks import positive
 from dryfric_control.diagnosis import diagnose, diagnose_joints
 from dryfric_control.diagnosis.report.diagnosis import write_report
 from dryfric_control.estimation.parameters import checked_knowledge
-from dryfric_control.export.c_code import existing_folder, export_c
+from dryfric_control.export.c_code import export_c
 from dryfric_control.export.fmu import export_fmu
 from dryfric_control.export.objects import exported, read_exportable
 from dryfric_control.model.axis import FrictionAxis
@@ -29,7 +30,7 @@ from dryfric_control.records.scaling import read_sampling
 from dryfric_control.simulators.files import read_result
 from dryfric_control.simulators.mujoco_file import axes_of
 from dryfric_control.store.axis_file import read_axes, read_axis, read_knowledge
-from dryfric_control.store.files import output_folder, replacing
+from dryfric_control.store.files import existing_folder, output_folder, write_file
 from dryfric_control.text import did_you_mean
 from dryfric_control.units import check_units
 
@@ -79,7 +80,7 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(required=True, metavar="{demo,diagnose,joints,export,simulator}")
 
     def command(
-        run: Callable[[argparse.Namespace], None], words: str, more: str, *options: tuple[Any, ...]
+        run: Callable[[Namespace], None], words: str, more: str, *options: tuple[Any, ...]
     ) -> None:
         """One with options: name, type (None for a switch), placeholder, meaning, settings."""
         made = commands.add_parser(run.__name__[1:], help=words, description=more or None)
@@ -265,15 +266,12 @@ def _say(words: str) -> None:
     print(f"{parser().prog}: {words}", file=sys.stderr)
 
 
-def _demo(chosen: argparse.Namespace) -> None:
+def _demo(chosen: Namespace) -> None:
     demo.run(chosen.out, chosen.record, dt=chosen.dt)
 
 
-def _reading(
-    chosen: argparse.Namespace, file: str | None
-) -> tuple[Scaling, dict[str, Any], dict[str, Any]]:
+def _reading(chosen: Namespace, file: str | None) -> tuple[Scaling, dict[str, Any], dict[str, Any]]:
     """Factors, sampling and knowledge of the options and of a file of axes."""
-
     scaling = Scaling() if file is None else Scaling.from_file(file)
     scaling = replace(scaling, **_given(chosen, *(item.name for item in fields(Scaling))))
     knowledge = {} if file is None else read_knowledge(file)
@@ -289,20 +287,17 @@ def _reading(
     return scaling, sampling | _given(chosen, "dt", "rate", "max_gap"), knowledge
 
 
-def _given(chosen: argparse.Namespace, *names: str) -> dict[str, Any]:
+def _given(chosen: Namespace, *names: str) -> dict[str, Any]:
     """Values of the options that were given, of some names."""
     found = {name: getattr(chosen, name) for name in names}
     return {name: value for name, value in found.items() if value is not None}
 
 
-def _read_records(
-    chosen: argparse.Namespace, axis: FrictionAxis, label: str, **options: Any
-) -> list[Record]:
+def _read_records(chosen: Namespace, axis: FrictionAxis, end: str, **options: Any) -> list[Record]:
     """Records of an axis, with what a first look at each shows."""
-
     records = []
     for path in chosen.record:
-        name = f"{Path(path).name}{label}"
+        name = f"{Path(path).name}{end}"
         record = read_record(path, chosen.columns, units=chosen.units, **options)
         check = record.check()
         if check.assumed:
@@ -313,7 +308,7 @@ def _read_records(
     return records
 
 
-def _diagnose(chosen: argparse.Namespace) -> None:
+def _diagnose(chosen: Namespace) -> None:
     axis = read_axis(chosen.axis)
     scaling, sampling, knowledge = _reading(chosen, chosen.axis)
     records = _read_records(chosen, axis, "", gain=scaling, joint=chosen.joint, **sampling)
@@ -333,7 +328,7 @@ def _diagnose(chosen: argparse.Namespace) -> None:
     print(f"report.html, report.png, diagnosis.json, extended.toml and saved.json are in {folder}")
 
 
-def _joints(chosen: argparse.Namespace) -> None:
+def _joints(chosen: Namespace) -> None:
     model = chosen.model and Path(chosen.model)
     if model and model.suffix.lower() not in (".xml", ".urdf"):
         raise ValueError(f"--model {model} must be an MJCF (.xml) or URDF (.urdf) file")
@@ -363,8 +358,7 @@ def _joints(chosen: argparse.Namespace) -> None:
         **knowledge,
     )
     print(found.summary(), flush=True)
-    with replacing(folder / "joints.json") as part:
-        part.write_text(json.dumps(found.to_dict(), indent=1), encoding="utf-8")
+    write_file(folder / "joints.json", json.dumps(found.to_dict(), indent=1))
     if model:
         kind = _SIMULATORS[model.suffix.lower()]
         given = _given(chosen, "load", "stiff") if kind == "mjcf" else {}
@@ -375,7 +369,7 @@ def _joints(chosen: argparse.Namespace) -> None:
     print(f"joints.json and a report for each joint are in {folder}")
 
 
-def _export(chosen: argparse.Namespace) -> None:
+def _export(chosen: Namespace) -> None:
     given = _given(chosen, "name", "dt", "precision", "version")
     for option, to in (("precision", "c"), ("version", "fmu")):
         if chosen.to != to and option in given:
@@ -389,7 +383,7 @@ def _export(chosen: argparse.Namespace) -> None:
     print(f"{', '.join(file.name for file in files)} in {chosen.out}")
 
 
-def _simulator(chosen: argparse.Namespace) -> None:
+def _simulator(chosen: Namespace) -> None:
     kind = chosen.to or _SIMULATORS.get(Path(chosen.model).suffix.lower())
     if kind is None:
         raise ValueError(

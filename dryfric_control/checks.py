@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 import warnings
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -100,13 +98,6 @@ def string(name: str, value: object) -> str:
     if not isinstance(value, str):
         raise ValueError(f"{name} must be text, got {short(value)}")
     return value
-
-
-def file_path(name: str, value: object) -> Path:
-    """Convert to a path; whether there is a file is not looked at."""
-    if not isinstance(value, (str, os.PathLike)):
-        raise ValueError(f"{name} must be the path of a file, got {short(value)}")
-    return Path(value)
 
 
 def known_keys(name: str, given: Iterable[str], known: Iterable[str]) -> None:

@@ -12,28 +12,15 @@ from typing import Any
 import control as ct
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patches import Circle, Polygon, Rectangle
 
+import dryfric_control as dfc
 from dryfric_control import presets
-from dryfric_control.demo_figures import draw_system, marked_friction, over_crawl
-from dryfric_control.diagnosis.diagnose import diagnose
-from dryfric_control.diagnosis.report.diagnosis import Diagnosis, write_report
-from dryfric_control.identification import (
-    Fit,
-    FitWarning,
-    fit,
-    identify_coulomb,
-    identify_stribeck,
-    replay,
-    replay_loop,
-    slow_ramp_experiment,
-)
-from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects import Spring
-from dryfric_control.model.friction import CoulombMap, Stribeck
-from dryfric_control.model.loops import PositionController, simulate_loop
-from dryfric_control.model.state_machine import plot_state_machine
-from dryfric_control.records import Record, read_record
-from dryfric_control.store.files import output_folder, replacing
+from dryfric_control.diagnosis.report.diagnosis import write_report
+from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
+from dryfric_control.identification import CoulombIdentification, SlowRamp
+from dryfric_control.observer.figures import draw_block_diagram
+from dryfric_control.store.files import output_folder, replacing, write_file
 from dryfric_control.text import length_text, percent
 
 #: What it does and how long that takes, as measured for the README.
@@ -46,62 +33,59 @@ TRAINING = 0.6
 _FREE = ("mass", "viscous", "coulomb", "bias_force")
 
 
-def emps_controller(dt: float) -> PositionController:
+def emps_controller(dt: float) -> dfc.PositionController:
     """Controller that ran while the EMPS record was taken."""
     # From its reference: vir = kp kv (qg - qm) - kv dq, dq the backward difference of the
     # two-sample mean, saturation 10 V, 35.15 N/V (A. Janot, M. Gautier, M. Brunot, Nonlinear
     # System Identification Benchmarks, 2019).
     kp, kv, gain = 160.18, 243.45, 35.15
-    return PositionController(
-        kp=gain * kp * kv, ki=0.0, kd=gain * kv, dt=dt, limit=gain * 10.0, span=2
-    )
+    return dfc.PositionController(gain * kp * kv, 0.0, gain * kv, dt, limit=gain * 10.0, span=2)
 
 
 def stick_slip() -> ct.ControlPlot:
     """Classic stick-slip: a mass pulled by a spring whose end moves slowly."""
-    spring, peak = Spring(stiffness=2.0), Stribeck(excess=0.5, speed=0.05)
-    axis = FrictionAxis(
-        1.0, 0.0, CoulombMap.of(1.0), peak, 1e-3, effects=(spring,), name="mass pulled by a spring"
-    )
+    spring, peak = dfc.effects.Spring(stiffness=2.0), dfc.Stribeck(excess=0.5, speed=0.05)
+    axis = dfc.FrictionAxis(1.0, 0.0, dfc.CoulombMap.of(1.0), peak, 1e-3, effects=(spring,))
+    axis = axis.replace(name="mass pulled by a spring")
     t = np.arange(40_001) * 1e-3
     return axis.simulate(spring.stiffness * 0.1 * t, dt=1e-3, hold="first").plot()
 
 
-def made_record() -> tuple[FrictionAxis, Record, PositionController]:
+def made_record() -> tuple[dfc.FrictionAxis, dfc.Record, dfc.PositionController]:
     """Nominal axis (every parameter is off), simulated record of 20 s, its controller."""
-    levels = CoulombMap.of((9.0, 7.0))
-    true = FrictionAxis(12.0, 60.0, levels, travel=(0.0, 0.3), name="simulated axis")
+    levels = dfc.CoulombMap.of((9.0, 7.0))
+    true = dfc.FrictionAxis(12.0, 60.0, levels, travel=(0.0, 0.3), name="simulated axis")
     dt, n = 1e-3, 20_000
     t = np.arange(n) * dt
     steps = np.repeat(np.random.default_rng(0).uniform(0.05, 0.25, 20), n // 20)
     slow = 0.15 + 0.08 * np.sin(2.0 * np.pi * t / 8.0)
     reference = np.where(t < 10.0, slow, np.convolve(steps, np.ones(200) / 200.0, "same"))
-    controller = PositionController(kp=8000.0, ki=0.0, kd=500.0, dt=dt, limit=200.0)
-    run = simulate_loop(true, controller, reference, quantum=2e-6, x0=0.15)
-    record = Record(t=t, u=run.y[4], x=run.y[5], reference=reference, name="simulated record")
-    believed = true.replace(mass=9.0, viscous=90.0, coulomb=CoulombMap.of(6.0))
+    controller = dfc.PositionController(kp=8000.0, ki=0.0, kd=500.0, dt=dt, limit=200.0)
+    run = dfc.simulate_loop(true, controller, reference, quantum=2e-6, x0=0.15)
+    record = dfc.Record(t=t, u=run.y[4], x=run.y[5], reference=reference, name="simulated record")
+    believed = true.replace(mass=9.0, viscous=90.0, coulomb=dfc.CoulombMap.of(6.0))
     return believed, record, controller
 
 
 def measured(
     path: str | os.PathLike[str], dt: float | None = None
-) -> tuple[FrictionAxis, Record, PositionController | None]:
+) -> tuple[dfc.FrictionAxis, dfc.Record, dfc.PositionController | None]:
     """A rough axis for a measured record, the record, its controller where that is known."""
-    record = read_record(path, dt=dt)
-    axis = FrictionAxis(50.0, 100.0, CoulombMap.of(10.0), name=record.name or "axis")
+    record = dfc.read_record(path, dt=dt)
+    axis = dfc.FrictionAxis(50.0, 100.0, dfc.CoulombMap.of(10.0), name=record.name or "axis")
     is_emps = Path(path).name.upper().startswith("DATA_EMPS")
     return axis, record, emps_controller(record.dt) if is_emps else None
 
 
 def fit_and_replay(
-    axis: FrictionAxis, record: Record, controller: PositionController | None
-) -> tuple[Fit, dict[str, Any], dict[str, ct.ControlPlot]]:
+    axis: dfc.FrictionAxis, record: dfc.Record, controller: dfc.PositionController | None
+) -> tuple[dfc.Fit, dict[str, Any], dict[str, ct.ControlPlot]]:
     """Fit the first part of a record, replay the rest: the fit, its figures in numbers, plots."""
     training, held_out = record.split(TRAINING)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FitWarning)  # its messages are in the summary
-        fitted = fit(axis, training, free=_FREE)
-    before, after = replay(axis, held_out), replay(fitted.axis, held_out)
+        warnings.simplefilter("ignore", dfc.FitWarning)  # its messages are in the summary
+        fitted = dfc.fit(axis, training, free=_FREE)
+    before, after = dfc.replay(axis, held_out), dfc.replay(fitted.axis, held_out)
     level, bias = fitted.parameters["coulomb"], fitted.parameters["bias_force.force"]
     summary: dict[str, Any] = {
         "record": record.name,
@@ -120,7 +104,7 @@ def fit_and_replay(
     }
     figures = {"fit": fitted.plot(), "held_out_windows": after.plot()}
     if controller is not None and record.reference is not None:
-        loop = replay_loop(fitted.axis, held_out, controller)
+        loop = dfc.replay_loop(fitted.axis, held_out, controller)
         summary["held_out_closed_loop"] = loop.to_dict()
         figures["held_out_closed_loop"] = loop.plot()
     return fitted, summary, figures
@@ -132,19 +116,18 @@ def paper(say: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, ct.Cont
     axis = presets.clutch_actuator()
     figures = {
         "figure_1_friction": marked_friction(axis),
-        "figure_2_state_machine": plot_state_machine(axis),
+        "figure_2_state_machine": dfc.plot_state_machine(axis),
         "figure_3_system": draw_system(),
     }
     say("    4 to 6, slow ramp on a simulated bench: levels, then the excess of the Stribeck peak")
-    ramp = slow_ramp_experiment(axis, dt=2e-3, quantum=presets.QUANTUM)
-    levels = identify_coulomb(ramp.record)
-    # As in the paper, levels are known and vs is Sigma; the excess is found from the slips of the
-    # middle of the crawl.
-    believed = levels.apply(axis.replace(stribeck=Stribeck(excess=0.1, speed=axis.stick_speed)))
+    ramp = dfc.slow_ramp_experiment(axis, dt=2e-3, quantum=presets.QUANTUM)
+    levels = dfc.identify_coulomb(ramp.record)
+    # As in the paper, levels are known and vs is Sigma; the middle of the crawl gives the excess.
+    believed = levels.apply(axis.replace(stribeck=dfc.Stribeck(excess=0.1, speed=axis.stick_speed)))
     quarter = len(ramp.record) // 4
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FitWarning)  # its messages are printed with the result
-        peak = identify_stribeck(
+        warnings.simplefilter("ignore", dfc.FitWarning)  # its messages are printed with the result
+        peak = dfc.identify_stribeck(
             believed, ramp.record[quarter : 3 * quarter], ramp.controller,
             free=("stribeck.excess",), starts=1,
         )  # fmt: skip
@@ -168,14 +151,96 @@ def paper(say: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, ct.Cont
     return summary, figures
 
 
-def hidden_cause() -> Diagnosis:
+def marked_friction(axis: dfc.FrictionAxis) -> ct.ControlPlot:
+    """Friction over velocity with Fs, Fc and Sigma (Fig. 1)."""
+    drawn = axis.plot_friction()
+    one = drawn.axes[0, 0]
+    places = np.mean(axis.travel or (0.0, 0.0))
+    breakaway, level = axis.breakaway(places, 1), axis.coulomb(places, 1)
+    left, sigma = one.get_xlim()[0], axis.stick_speed
+    for force, name in ((breakaway, r"$F_s$"), (level, r"$F_c$")):
+        one.plot([left, 0.0], [force, force], ":", color="0.3", lw=1.0)
+        one.text(0.96 * left, force, name, va="bottom", ha="left")
+    for s, name in ((-1, r"$-\Sigma$"), (1, r"$\Sigma$")):
+        low = -axis.breakaway(places, -1) if s < 0 else breakaway
+        one.plot([s * sigma, s * sigma], [0.0, low], ":", color="0.3", lw=1.0)
+        one.text(s * sigma, 0.0, name, va="bottom" if s < 0 else "top", ha="center")
+    return drawn
+
+
+def _spring(ax: Any, start: tuple[float, float], end: tuple[float, float], name: str) -> None:
+    """A zigzag between two points, its name in the middle."""
+    a, along = np.array(start), np.subtract(end, start)
+    across = 0.16 * np.array([-along[1], along[0]]) / np.hypot(*along)
+    part = np.r_[0.0, np.linspace(0.15, 0.85, 9), 1.0]
+    side = np.r_[0.0, 0.0, np.resize([1.0, -1.0], 7), 0.0, 0.0]
+    ax.plot(*(a[:, None] + along[:, None] * part + across[:, None] * side), "k", lw=1.1)
+    side_by_side = "right" if along[0] == 0.0 else "center"
+    ax.text(*(a + 0.5 * along - 2.4 * across), name, ha=side_by_side, va="center", fontsize="small")
+
+
+def draw_kinematics(ax: Any) -> None:
+    """Motor, toothed rack, two springs and a bevel: the system of the paper's Fig. 3."""
+    ax.set(xlim=(0.0, 9.6), ylim=(1.4, 5.2), aspect="equal")
+    ax.set_axis_off()
+    for shape in (
+        Circle((3.8, 3.62), 0.75, fc="0.95", ec="k"),
+        Circle((3.8, 3.62), 0.1, fc="k"),
+        Rectangle((2.0, 2.05), 4.0, 0.65, fc="0.9", ec="k"),
+        # The bevel moves with the rack: where spring 1 is compressed, spring 2 is not.
+        Polygon([(6.0, 2.05), (9.0, 2.05), (9.0, 2.2), (6.0, 3.2)], fc="0.75", ec="k"),
+        Circle((7.6, 2.84), 0.17, fc="w", ec="k"),
+        Rectangle((0.23, 1.92), 0.14, 0.9, fc="w", ec="k", hatch="////"),
+        Rectangle((7.15, 4.7), 0.9, 0.14, fc="w", ec="k", hatch="////"),
+    ):
+        ax.add_patch(shape)
+    for x, y, words in (
+        (3.8, 4.62, "motor and pinion, torque u"),
+        (4.0, 2.36, "toothed rack"),
+        (3.15, 1.75, "x"),
+        (6.9, 2.36, "bevel"),
+    ):
+        ax.text(x, y, words, ha="center", va="center", fontsize="small")
+    ax.plot(np.linspace(2.0, 6.0, 41), 2.7 + 0.17 * (np.arange(41) % 2), "k", lw=1.0)
+    ax.annotate("", (3.0, 1.75), (2.0, 1.75), arrowprops={"arrowstyle": "-|>", "color": "k"})
+    _spring(ax, (0.37, 2.37), (2.0, 2.37), "spring 1")
+    _spring(ax, (7.6, 4.7), (7.6, 3.01), "spring 2")
+
+
+def draw_system() -> ct.ControlPlot:
+    """Kinematic diagram of the actuator above the closed loop in which it runs (Fig. 3)."""
+    axes = axes_of(None, 2, sharex=False, figsize=(7.0, 6.4))
+    draw_kinematics(axes[0])
+    title_above(axes[0], "clutch actuator: motor, rack, two springs, bevel")
+    draw_block_diagram(axes[1])
+    return control_plot(axes)
+
+
+def over_crawl(levels: CoulombIdentification, ramp: SlowRamp) -> ct.ControlPlot:
+    """Levels found over the crawl as recorded, and those of the simulated bench (Fig. 5)."""
+    drawn = levels.plot(title="Coulomb level over the travel: crawl, levels found, truth")
+    one, record = drawn.axes[0, 0], ramp.record
+    some = slice(None, None, max(1, len(record) // 10_000))
+    crawl = {"color": MEASURED, "lw": 0.8, "zorder": 0, "label": "crawl, measured"}
+    one.plot(record.x[some], record.u[some], "--", **crawl)
+    x = np.linspace(*levels.travel, 201)
+    for s in (1, -1):
+        truth = s * ramp.axis.coulomb(x, s)
+        one.plot(x, truth, "k:", lw=1.2, label="truth" if s > 0 else None)
+    one.set_xlabel(f"position [{ramp.axis.units[0]}]")
+    legend_above(one)
+    title_above(one, one.get_title(loc="left"))
+    return drawn
+
+
+def hidden_cause() -> dfc.Diagnosis:
     """Diagnosis of a short record of an axis with a Stribeck peak that the model lacks."""
-    axis = FrictionAxis(mass=2.0, viscous=15.0, coulomb=CoulombMap.of(8.0), name="simulated stage")
-    machine = axis.replace(stribeck=Stribeck(excess=0.4, speed=0.03))
+    axis = dfc.FrictionAxis(2.0, 15.0, dfc.CoulombMap.of(8.0), name="simulated stage")
+    machine = axis.replace(stribeck=dfc.Stribeck(excess=0.4, speed=0.03))
     t = 2e-3 * np.arange(3000)
     u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
     x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=2e-3).y[0])
-    return diagnose(axis, Record(t, u, x, name="simulated record of 6 s"), progress=False)
+    return dfc.diagnose(axis, dfc.Record(t, u, x, name="simulated record of 6 s"), progress=False)
 
 
 def run(
@@ -223,8 +288,7 @@ def run(
     write_report(found, folder)
     summary["diagnosis"] = found.to_dict()
 
-    with replacing(folder / "summary.json") as temporary:
-        temporary.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_file(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     say(f"report.html, the figures and summary.json are in {folder}")
     return summary
 

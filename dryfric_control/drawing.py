@@ -21,12 +21,10 @@ STUCK_COLOUR = "0.9"
 #: Dashes that distinguish lines in grey.
 DASHES = ("-", "--", "-.", ":", (0, (7, 2, 1, 2, 1, 2)))
 
-#: Time before which estimates are left out of the scale [s]: the start is off by
-#: far more than anything that follows.
+#: Time before which estimates, off by far more than later, are left out of the scale [s].
 _START = 0.1
 
-# Widths of a letter of the title and of the legend, and of a legend's handle [pt], in the
-# font size [pt].
+# Widths of a letter of title and legend, and of a legend's handle, in the font size [pt].
 _LETTER, _SMALL_LETTER, _HANDLE, _FONT = 6.5, 4.6, 32.0, 10.0
 # Height of a legend of one row [pt], and its most columns.
 _LEGEND, _MOST_COLUMNS = 20.0, 6
@@ -111,10 +109,9 @@ def panels(
 
         # Not functools.wraps, whose signature would be that of `draw`.
         plot.__module__, plot.__qualname__ = draw.__module__, draw.__qualname__
-        many = "sequence of Axes" if callable(rows) else f"sequence of {_COUNTED.get(rows)} Axes"
-        plot.__doc__ = inspect.cleandoc(draw.__doc__ or "") + _ARGUMENTS.format(
-            what="Axes" if rows == 1 else many
-        )
+        count = "" if callable(rows) else f"{_COUNTED.get(rows)} "
+        what = "Axes" if rows == 1 else f"sequence of {count}Axes"
+        plot.__doc__ = inspect.cleandoc(draw.__doc__ or "") + _ARGUMENTS.format(what=what)
         return plot
 
     return made
@@ -122,18 +119,9 @@ def panels(
 
 def shade_stuck(ax: Any, time: ArrayLike, mode: ArrayLike, label: str | None = "stuck") -> None:
     """Lay a light band behind the time at rest, mode 0."""
-    ax.fill_between(
-        np.asarray(time),
-        0.0,
-        1.0,
-        where=np.asarray(mode) == 0,
-        transform=ax.get_xaxis_transform(),
-        color=STUCK_COLOUR,
-        linewidth=0,
-        step="post",
-        label=label,
-        zorder=0,
-    )
+    look = {"color": STUCK_COLOUR, "linewidth": 0, "step": "post", "zorder": 0}
+    place, at_rest = ax.get_xaxis_transform(), np.asarray(mode) == 0
+    ax.fill_between(np.asarray(time), 0.0, 1.0, where=at_rest, transform=place, label=label, **look)
 
 
 def over_time(axes: Any, names: Sequence[str] = ()) -> None:
@@ -169,15 +157,19 @@ def legend_above(ax: Any) -> None:
     scale = float(plt.rcParams["font.size"]) / _FONT
     names = ax.get_legend_handles_labels()[1]
     widths = [scale * (_HANDLE + _SMALL_LETTER * len(name)) for name in names]
-    ax.legend(
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=_columns(widths, 72.0 * ax.bbox.width / ax.figure.dpi),
-        fontsize="small",
-        frameon=False,
-        markerscale=2.0,
-        borderaxespad=0.1,
-    )
+    look = {"fontsize": "small", "frameon": False, "markerscale": 2.0, "borderaxespad": 0.1}
+    columns = _columns(widths, 72.0 * ax.bbox.width / ax.figure.dpi)
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **look)
+
+
+def labelled(ax: Any, x: str = "", y: str = "", legend: bool = True) -> None:
+    """Label the axes where a label is given, and put the legend above them."""
+    if x:
+        ax.set_xlabel(x)
+    if y:
+        ax.set_ylabel(y)
+    if legend:
+        legend_above(ax)
 
 
 def _columns(widths: Sequence[float], room: float) -> int:

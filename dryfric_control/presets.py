@@ -27,11 +27,11 @@ from dryfric_control.observer.monte_carlo import MonteCarlo, monte_carlo
 TRAVEL = 10_000.0
 #: Increment of its encoder, the unit of position.
 QUANTUM = 1.0
-#: Corner of the low-pass on the reference (paper, section 5), and bandwidth of
-#: the position loop [rad/s].
+#: Corner of the low-pass on the reference (paper, section 5), bandwidth of the loop [rad/s].
 CORNER, BANDWIDTH = 20.0, 20.0
 #: Where the observer believes the axis to be at the start (paper, section 5).
 FIRST_ESTIMATE = 1000.0
+_FIRST = {"quantum": QUANTUM, "xhat0": FIRST_ESTIMATE}
 _UNITS = ("inc", "N m")
 
 
@@ -43,18 +43,13 @@ def _over_travel(*coefficients: float) -> tuple[float, ...]:
 def clutch_actuator() -> FrictionAxis:
     """Motor, rack and springs: dry friction that depends on position.
 
-    Returns
-    -------
-    FrictionAxis
-        Position in encoder increments, force as torque at the motor [N m].
-
     Notes
     -----
-    An encoder of 4000 increments a turn and an inertia of 1.9e-4 kg m^2 make 3e-7 N m s^2 per
-    increment; the travel is two and a half turns.  Two springs through a bevel leave a torque
-    level between 0.14 and 0.22 N m that varies along the travel and differs between the
-    directions.  Breakaway lies 30 % above it.  Stribeck velocity and stick velocity are equal,
-    as the paper advises to start with: 150 increments a second, 0.15 per sample.
+    Position in encoder increments, force as torque at the motor [N m]. An encoder of 4000
+    increments a turn and an inertia of 1.9e-4 kg m^2 make 3e-7 N m s^2 per increment; the travel is
+    two and a half turns. Two springs through a bevel leave a torque level between 0.14 and 0.22 N m
+    that varies along the travel and differs between the directions. Breakaway lies 30 % above it.
+    Stribeck and stick velocity are equal, as the paper advises at first: 150 increments a second.
 
     Examples
     --------
@@ -81,12 +76,8 @@ def clutch_actuator() -> FrictionAxis:
 def clutch_observer_axis() -> FrictionAxis:
     """The clutch actuator in the model of its observer.
 
-    Returns
-    -------
-    FrictionAxis
-        As `clutch_actuator` with other Coulomb maps (paper, Fig. 7: 6 to 15 %
-        too low forwards, 6 to 21 % too high backwards), half the stick velocity
-        and no Stribeck peak.
+    As `clutch_actuator` with other Coulomb maps (paper, Fig. 7: 6 to 15 % too low forwards, 6 to
+    21 % too high backwards), half the stick velocity and no Stribeck peak.
 
     Examples
     --------
@@ -132,10 +123,8 @@ def crawl_and_steps(dt: float = 1e-3, duration: float = 12.0) -> tuple[Floats, F
 
     Parameters
     ----------
-    dt : float, optional
-        Sampling time [s].
-    duration : float, optional
-        Length [s].
+    dt, duration : float, optional
+        Sampling time and length [s].
 
     Returns
     -------
@@ -181,6 +170,8 @@ def clutch_experiment(
 ) -> ObservedLoop:
     """The closed loop of the paper's section 5.
 
+    The plant starts at rest at 0, its observer at 1000 increments.
+
     Parameters
     ----------
     design : ObserverDesign, optional
@@ -190,11 +181,6 @@ def clutch_experiment(
     duration : float, optional
         Length [s].
 
-    Returns
-    -------
-    ObservedLoop
-        Plant at rest at 0, observer started at 1000 increments.
-
     Examples
     --------
     >>> from dryfric_control import presets
@@ -202,19 +188,18 @@ def clutch_experiment(
     >>> bool(0.0 < run.estimate.y[0, 0] < 100.0)  # after the first reading
     True
     """
+    design, controller, reference = _parts_of_loop(design, duration)
+    options: dict[str, Any] = {"bandwidth": CORNER, "switching": switching, **_FIRST}
+    return simulate_observed_loop(clutch_actuator(), controller, design, reference, **options)
+
+
+def _parts_of_loop(
+    design: ObserverDesign | None, duration: float
+) -> tuple[ObserverDesign, PositionController, Floats]:
+    """Observer, controller and reference of the closed loop."""
     design = clutch_observer() if design is None else design
     instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
-    _, reference = crawl_and_steps(design.dt, duration)
-    return simulate_observed_loop(
-        clutch_actuator(),
-        clutch_controller(design.dt),
-        design,
-        reference,
-        bandwidth=CORNER,
-        quantum=QUANTUM,
-        xhat0=FIRST_ESTIMATE,
-        switching=switching,
-    )
+    return design, clutch_controller(design.dt), crawl_and_steps(design.dt, duration)[1]
 
 
 def clutch_monte_carlo(
@@ -224,11 +209,8 @@ def clutch_monte_carlo(
 
     Parameters
     ----------
-    design : ObserverDesign, optional
-        The observer.  Default: `clutch_observer`.
-    runs : int, optional
-    duration : float, optional
-        Length [s].
+    design, runs, duration : optional
+        As for `clutch_experiment`; number of plants.
     **options
         For `monte_carlo`: estimators, seed, store, jobs, progress.
 
@@ -238,16 +220,6 @@ def clutch_monte_carlo(
     >>> presets.clutch_monte_carlo(runs=2, duration=0.5, progress=False).scores["paper"].shape
     (2, 5)
     """
-    design = clutch_observer() if design is None else design
-    instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
-    _, reference = crawl_and_steps(design.dt, duration)
-    return monte_carlo(
-        design,
-        clutch_controller(design.dt),
-        filter_reference(reference, CORNER, design.dt),
-        quantum=QUANTUM,
-        stribeck_speed=150.0,
-        runs=runs,
-        xhat0=FIRST_ESTIMATE,
-        **options,
-    )
+    design, controller, wanted = _parts_of_loop(design, duration)
+    options = {"stribeck_speed": 150.0, "runs": runs, **_FIRST, **options}
+    return monte_carlo(design, controller, filter_reference(wanted, CORNER, design.dt), **options)

@@ -16,9 +16,7 @@ from typing import Any
 import numpy as np
 
 # Raised signs of exponents.
-_RAISED = str.maketrans(
-    "-0123456789", "\u207b\u2070\xb9\xb2\xb3\u2074\u2075\u2076\u2077\u2078\u2079"
-)
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 # Where the documentation is published.
 _SITE = "https://dryfric-control.github.io/dryfric-control"

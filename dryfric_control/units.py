@@ -126,9 +126,7 @@ def axis_units(units: Any) -> tuple[str, str]:
     """Units of position and force of an axis, by the names that are used in print."""
     mend = 'give ("m", "N") or ("rad", "N m")'
     if not isinstance(units, (tuple, list)) or [type(unit) for unit in units] != [str, str]:
-        raise ValueError(
-            f'units must be those of position and force, such as ("m", "N"), got {units!r}'
-        )
+        raise ValueError(f'units must be of position and force, such as ("m", "N"), got {units!r}')
     names, kinds = list(units), []
     for k, (role, what) in enumerate((("x", "position"), ("u", "force"))):
         found = known_unit(units[k])

@@ -54,8 +54,17 @@ DESIGN = dfc.design_pi_observer(AXIS, DT, encoder_quantum=1e-6)
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", dfc.FitWarning)
     FIT = dfc.fit(AXIS, RECORD, free=("coulomb",), starts=1)
-_REST = np.empty(0), np.empty(0), None, (), {}, {}, "coulomb", {}, {}, ("m", "N")
-PLAN = Experiment("change_of_bench", "a change of the bench", "turn it", *_REST)
+PLAN = Experiment(
+    name="change_of_bench",
+    title="a change of the bench",
+    description="turn it",
+    score={},
+    tried={},
+    cause="coulomb",
+    positions={},
+    drives={},
+    units=("m", "N"),
+)
 HUGE = 10**400  # a whole number that no float holds
 
 
@@ -277,6 +286,7 @@ rows(
     ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1.0, 2.0]), travel=None), "give travel"),
     ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1.0, -2.0]), travel=(0.0, 1.0)), "falls to -1"),
     ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1, -4.2, 4.2]), travel=(0.0, 1.0)), "x = 0.5"),
+    ("FrictionAxis", dict(coulomb=dfc.CoulombMap([8.0, 3.0]), travel=(-1e308, 0.3)), "-inf"),
     ("FrictionAxis", dict(stribeck=Each(0.3, (0.3, 0.01))), "dfc.Stribeck"),
     ("FrictionAxis", dict(travel=(0.0, 0.1, 0.2)), r"\(low, high\)"),
     ("FrictionAxis", dict(switching="Filippov"), '"filippov" or "paper"'),
@@ -578,7 +588,7 @@ rows(
     ("design_pi_observer", dict(pairs=3), "changes of mode"),
     ("design_pi_observer", dict(coulomb="8"), "level"),
     ("design_pi_observer", dict(coulomb=-8.0), "magnitude"),
-    ("design_pi_observer", dict(integral_modes=(0, 2)), r"must be 0, \+1 or -1", "mode"),
+    ("design_pi_observer", dict(integral_modes=(0, 2)), r"must be 0 \(stuck\), \+1 or -1", "mode"),
     ("design_pi_observer", dict(integral_modes=3), "modes"),
     ("design_pi_observer", dict(integral_modes=(0,)), "integral_modes", "detectable"),
     ("design_pi_observer", dict(axis=_SMOOTH), "amplitude", "uncertainty has no default"),
@@ -854,7 +864,7 @@ def no_work(patch: pytest.MonkeyPatch) -> Iterator[None]:
         for room, name in (
             (axis_step, "run"),
             (axis_step, "step"),
-            (loops, "run_loop"),
+            (loops.kernel, "run_loop"),
             (windows, "free_runs"),
             (runtime.kernel, "run"),
             (synthesis, "certified_solution"),

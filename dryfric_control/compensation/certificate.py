@@ -22,8 +22,7 @@ from dryfric_control.text import Result, documented, length_text, stated
 #: State of the linear loop that is the drive of the sample before.
 DRIVE = 10
 #: What friction that brakes slips at reversals adds to the stick-slip gain, as a part of it:
-#: `tests/compensation/test_tube.py` searches for more, by linear programs over the courses that
-#: friction can take.
+#: linear programs over the courses of friction in `tests/compensation/test_tube.py` find no more.
 _TURN = 0.15
 #: Lags of the drive after which nothing is left of a change.
 _LAGS = 5
@@ -82,9 +81,8 @@ class Condition(NamedTuple):
 class TrackingCertificate(Result):
     """Tracking tube and conditions of rest of a compensated loop.
 
-    The tube holds for the `reference` of `Compensation.certify`; without one, for references so
-    slow that inertia and viscous friction do not count, and a faster one has a wider tube.  A
-    delay margin of 200 samples is that or more.
+    The tube holds for the `reference` of `Compensation.certify`; without one, for slow references.
+    A delay margin of 200 samples is that or more.
 
     Examples
     --------
@@ -153,8 +151,7 @@ def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tupl
     """Linear loop of the tracking error: state matrix, and columns of force and reading error."""
     # One sample as the compiled law runs it, read off column by column; the axis is sampled
     # exactly.  The integral of a law that bounds it counts among the forces.
-    c = loop.numbers
-    dt = loop.dt
+    c, dt = loop.numbers, loop.dt
     whole = int(delay / dt + 1e-9)
     # x, v, drive behind its lag; the drive before the delay's fraction is over, and after it.
     part = min(max(delay - whole * dt, 0.0), dt)
@@ -251,7 +248,7 @@ def delay_margin(loop: Loop) -> float:
 
     def stable(delay: float) -> bool:
         A, _ = loop_matrices(loop, axis.mass, axis.viscous, loop.drive_delay + delay)
-        return bool(np.abs(np.linalg.eigvals(A)).max() < 1.0)
+        return spectral_radius(A) < 1.0
 
     if not stable(0.0):
         return 0.0
@@ -298,28 +295,9 @@ def certify_tracking(
     reference: MotionProfile | None = None,
 ) -> TrackingCertificate:
     """Compute the tracking tube and check the conditions of rest."""
-    # The feedback reads nothing but the error, and its loop is linear: with g the response of the
-    # position to a force, in the worst of the loops within the mismatch (corners of mass, viscous
-    # coefficient and delay), e = -g * (w + m a + f v missing + reading errors), where
-    # w = feedforward + integral - friction.  Sliding with the reference, w is at most
-    #     D = (1 - l) (mu L + c L) + max(sigma L, (1 + mu) sigma_a L)
-    # with L the largest level, mu the mismatch, l what was learned, c the largest correction by
-    # learning and integral together, sigma and sigma_a the nominal and the largest excess: axis
-    # and reference may be at different velocities.  Stuck, or sliding against the reference, it is
-    # at most W, all of the feedforward and all of the friction; but then w drives the axis on only
-    # while the error's velocity has the sign that takes it back.  A law that does not bound its
-    # corrections, and a law without feedforward, leaves W always: abs(e) <= L1 W.
-    # At rest, after a settling time, the integral may go beyond its bound, so slowly that it
-    # changes by no more than the correction within the memory of the loop; the slip that ends it
-    # starts from a net force of zero, and what acts on it is again at most D.
-    # The forces m a and f v of a reference are known sample by sample, and so is what lacks of
-    # them on each axis, early or late feedforward included.  Forces and levels that depend on
-    # place enter by their slope.  Friction counts as constant over a sample.
-    axis, mu, dt = loop.axis, mismatch, loop.dt
-    c = loop.numbers
-    speed = 0.0 if reference is None else float(np.abs(reference.velocity).max())
-    laws = _laws(axis, dt, reference, _BESIDE * loop.tolerance,
-                 c[kernel.HOLD_SHARE] / (1.0 - mu), speed)  # fmt: skip
+    # The theory page has the bounds, `sliding` (D) and `largest` (W) here.
+    axis, mu, dt, c = loop.axis, mismatch, loop.dt, loop.numbers
+    laws = _laws(loop, reference, c[kernel.HOLD_SHARE] / (1.0 - mu))
     level, bounded = laws.level, c[kernel.HOLDS] != 0.0
     peak = c[kernel.PEAK] * c[kernel.EXCESS]
     most = c[kernel.BAND] if bounded else 0.0
@@ -329,7 +307,7 @@ def certify_tracking(
     early = 0.0
     if reference is not None:
         ahead = (c[kernel.LEAD] + 1.0) * dt - loop.drive_delay
-        moved += laws.slope * speed * ahead
+        moved += laws.slope * _fastest(reference) * ahead
         early = _unfed(loop, reference)
     sliding = (1.0 - learned) * (mu + most) * level + level * max(peak, (1.0 + mu) * excess)
     sliding, largest = sliding + moved, friction + fed + 2.0 * moved
@@ -382,14 +360,12 @@ def certify_tracking(
         slip = turning + sliding * float(np.abs(np.cumsum(response[:, 1])).max())
         asked = min(one.drive * sliding, c[kernel.KP] * sum(made.values()) + c[kernel.KD] * slip)
         needed = max(needed, asked + float(drive) + half * one.reading_drive)
-    fast = 0.0
-    if reference is not None:
-        fast = float(np.abs(_courses(axis, reference)).sum(axis=0).max())
+    fast = 0.0 if reference is None else np.abs(_courses(axis, reference)).sum(axis=0).max()
     needed = float(needed + fed + fast + laws.forces + laws.wind)
     if loop.left_out:
-        parts = parts | {f"not covered: {', '.join(loop.left_out)}": math.inf}
+        parts[f"not covered: {', '.join(loop.left_out)}"] = math.inf
     if needed > c[kernel.LIMIT]:
-        parts = parts | {"drive limit": math.inf}
+        parts["drive limit"] = math.inf
     # Each figure at its own worst corner.
     worst = LoopGains(*(max(values) for values in zip(*gains, strict=True)))
     nominal = loop_gains(*loop_responses(loop, axis.mass, axis.viscous, loop.drive_delay))
@@ -436,6 +412,11 @@ def _reasons(
         )
 
 
+def _fastest(reference: MotionProfile | None) -> float:
+    """Largest speed of a reference [m/s]."""
+    return 0.0 if reference is None else float(np.abs(reference.velocity).max())
+
+
 def _courses(axis: FrictionAxis, reference: MotionProfile) -> Floats:
     """Inertia and viscous friction that are fed forward, shape (2, n) [N]."""
     return np.array([axis.mass * reference.acceleration, axis.viscous * reference.velocity])
@@ -445,18 +426,10 @@ def _missing(
     loop: Loop, reference: MotionProfile, mass: float, viscous: float, delay: float
 ) -> Floats:
     """What lacks of inertia and viscous friction over each sample [N], shape (n,)."""
-    dt, n = loop.dt, reference.position.size
-    at = np.arange(n)
-    fed = _courses(loop.axis, reference).sum(axis=0)
-    lead = int(loop.numbers[kernel.LEAD])
-
-    def given(back: int) -> Floats:
-        """Feedforward of so many samples before, nothing before the first."""
-        return np.where(at >= back, fed[np.clip(at - back + lead, 0, n - 1)], 0.0)
-
+    dt, fed = loop.dt, _courses(loop.axis, reference).sum(axis=0)
     whole = int(delay / dt + 1e-9)
     part = delay / dt - whole
-    drive = (1.0 - part) * given(whole) + part * given(whole + 1)
+    drive = (1.0 - part) * _given(loop, fed, whole) + part * _given(loop, fed, whole + 1)
     if loop.drive_lag > 0.0:
         pole = math.exp(-dt / loop.drive_lag)
         after = lfilter([1.0 - pole], [1.0, -pole], drive)
@@ -469,19 +442,22 @@ def _missing(
     return np.asarray(drive - 0.5 * (needed + np.append(needed[1:], 0.0)))
 
 
+def _given(loop: Loop, ahead: Floats, back: int) -> Floats:
+    """What is fed forward as it was so many samples before, nothing before the first."""
+    at = np.arange(ahead.size) - back
+    there = np.clip(at + int(loop.numbers[kernel.LEAD]), 0, ahead.size - 1)
+    return np.where(at >= 0, ahead[there], 0.0)
+
+
 def _unfed(loop: Loop, reference: MotionProfile) -> float:
     """Largest velocity of the reference whose friction is not fed forward at the axis yet."""
-    dt, n = loop.dt, reference.position.size
-    lead = int(loop.numbers[kernel.LEAD])
-    moving = np.abs(reference.velocity) > loop.numbers[kernel.REST_SPEED]
-    way = np.sign(reference.velocity) * moving
-    at = np.arange(n)
+    dt, v = loop.dt, reference.velocity
+    way = np.sign(v) * (np.abs(v) > loop.numbers[kernel.REST_SPEED])
     latest = math.ceil((loop.drive_delay + loop.input_delay + _LAGS * loop.drive_lag) / dt) + 1
-    unfed = np.zeros(n, dtype=bool)
+    unfed = np.zeros(v.size, dtype=bool)
     for back in range(int(loop.drive_delay / dt), latest + 1):
-        given = np.where(at >= back, way[np.clip(at - back + lead, 0, n - 1)], 0.0)
-        unfed |= given * np.sign(reference.velocity) <= 0.0
-    return float(np.abs(reference.velocity[unfed]).max(initial=0.0))
+        unfed |= _given(loop, way, back) * np.sign(v) <= 0.0
+    return float(np.abs(v[unfed]).max(initial=0.0))
 
 
 class _Laws(NamedTuple):
@@ -497,19 +473,13 @@ class _Laws(NamedTuple):
     guessed: tuple[float, float] | None  # range, if none is known and the level depends on place
 
 
-def _laws(
-    axis: FrictionAxis,
-    dt: float,
-    reference: MotionProfile | None,
-    reach: float,
-    share: float,
-    speed: float,
-) -> _Laws:
+def _laws(loop: Loop, reference: MotionProfile | None, share: float) -> _Laws:
     """Read levels and force effects of an axis over place and over time."""
-    # Levels are compared within a `reach` [m], where the held drive is a `share` of them.  Forces
-    # are read up to a fifth above `speed` [m/s], both ways.  Places are those of the travel;
-    # without one, those of the reference and a tenth of its way on either side.
-    arrays = axis.arrays(dt)
+    # Levels are compared within a reach, where the held drive is a `share` of them.  Forces are
+    # read up to a fifth above the speed of the reference, both ways.  Places are those of the
+    # travel; without one, those of the reference and a tenth of its way on either side.
+    axis, reach, speed = loop.axis, _BESIDE * loop.tolerance, _fastest(reference)
+    arrays = axis.arrays(loop.dt)
     low, high = axis.travel or (-1.0, 1.0)
     known = axis.travel is not None
     if reference is not None and not known and np.ptp(reference.position) > 0.0:
@@ -563,6 +533,10 @@ def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[C
         )
     left = max(least - held, 0.0)
     # Name, whether it holds, detail, and what to do if it does not.
+    corrected = 'the integral goes on at rest: law="learned" and "fixed" hold it'
+    if holds:
+        corrected = f"each one widens the tolerance {length_text(loop.tolerance, length)} "
+        corrected += f"by {c[kernel.GROWTH]:g}"
     rows = [
         (
             "the linear loop is stable for every axis within the mismatch",
@@ -573,10 +547,7 @@ def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[C
         (
             "the drive is constant at rest after finitely many corrections",
             holds and c[kernel.GROWTH] > 1.0,
-            f"each one widens the tolerance {length_text(loop.tolerance, length)} "
-            f"by {c[kernel.GROWTH]:g}"
-            if holds
-            else 'the integral goes on at rest: law="learned" and "fixed" hold it',
+            corrected,
             "",
         ),
         (

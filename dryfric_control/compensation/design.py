@@ -14,14 +14,9 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, increment, instance, one_of, positive, whole
+from dryfric_control.compensation import certificate as proof
 from dryfric_control.compensation import tuning as tuned
-from dryfric_control.compensation.certificate import (
-    DRIVE,
-    Loop,
-    TrackingCertificate,
-    certify_tracking,
-    loop_matrices,
-)
+from dryfric_control.compensation.certificate import Loop, TrackingCertificate
 from dryfric_control.compensation.runtime import CompensatedController
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
@@ -113,12 +108,10 @@ class Compensation(Result):
         learned : float, optional
             Fraction of the mismatch of the levels that has been learned, 0 to 1.
         excess : float, optional
-            Largest Stribeck excess of the axis.  Default: the nominal one and the
-            mismatch.
+            Largest Stribeck excess of the axis.  Default: the nominal one and the mismatch.
         reference : MotionProfile, optional
-            Reference, whose inertia and viscous friction widen the tube.  Default: one so
-            slow that they do not count.  On an axis without `travel` its positions are also
-            those for which levels and force effects are read, otherwise -1 m to 1 m.
+            Reference, whose inertia and viscous friction widen the tube; on an axis without
+            `travel` levels and force effects are read along it.  Default: a slow one.
         """
         mu = self.mismatch if mismatch is None else positive("mismatch", mismatch, zero=True)
         known = positive("learned", learned, zero=True)
@@ -132,16 +125,14 @@ class Compensation(Result):
             )
         if reference is not None:
             instance("reference", reference, MotionProfile, "made by dfc.motion_profile")
-        return certify_tracking(self.loop, mu, known, peak, reference)
+        return proof.certify_tracking(self.loop, mu, known, peak, reference)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the design to a text file.
+        """Write the design to a file that `load_compensation` reads back.
 
         Parameters
         ----------
         path : str or path
-            File to write, replaced as a whole or not at all; `load_compensation`
-            reads it back.
         """
         observer = self.observer and replace(self.observer, certificate=None)  # type: ignore[arg-type]
         bare = replace(self, certificate=None, observer=observer)  # type: ignore[arg-type]
@@ -235,26 +226,20 @@ class Compensation(Result):
     @property
     def loop(self) -> Loop:
         """What the certificate reads."""
-        return Loop(
-            self.controller.law.numbers,
-            self.rigid_axis,
-            self.drive_delay - self.drive_lag,
-            self.drive_lag,
-            self.input_delay,
-            self.encoder_quantum,
-            self.tolerance,
-            tuple(e.slug for e in self.axis.effective().effects if e.action in LEFT_OUT),
-            tuple(e.slug for e in self.rigid_axis.effects if e.action in ("force", "input")),
-        )
+        delay, lag = self.drive_delay - self.drive_lag, self.drive_lag
+        left_out = (e.slug for e in self.axis.effective().effects if e.action in LEFT_OUT)
+        known = (e.slug for e in self.rigid_axis.effects if e.action in ("force", "input"))
+        numbers, axis, quantum = self.controller.law.numbers, self.rigid_axis, self.encoder_quantum
+        given = numbers, axis, delay, lag, self.input_delay, quantum, self.tolerance
+        return Loop(*given, tuple(left_out), tuple(known))
 
     @property
     def drive_step(self) -> float:
         """Step of the drive for one encoder increment [N], while the axis slides."""
-        # At rest the drive is held.  It is the force that the drive is to make, before gain and
-        # dead zone of the input are inverted.
+        # Of the force that the drive is to make, before gain and dead zone are inverted.
         axis = self.rigid_axis
-        _, B = loop_matrices(self.loop, axis.mass, axis.viscous, 0.0)
-        return self.encoder_quantum * abs(float(B[DRIVE, 1]))
+        _, B = proof.loop_matrices(self.loop, axis.mass, axis.viscous, 0.0)
+        return self.encoder_quantum * abs(float(B[proof.DRIVE, 1]))
 
     def _law(self) -> kernel.Law:
         axis, dt, w = self.rigid_axis, self.dt, self.bandwidth
@@ -342,16 +327,13 @@ def design_compensation(
     gains: tuple[float, float, float] | None = None,
     limit: float | None = None,
     tolerance: float | None = None,
-    learning: float | None = None,
+    learning: float = tuned.LEARNING,
     disturbance_bandwidth: float | None = None,
     mismatch: float = 0.2,
     correction: float | None = None,
     noise: float = tuned.NOISE,
 ) -> Compensation:
     """Design a position controller that compensates friction.
-
-    A ValueError says so if the loop is unstable; an ObserverWarning, that the observer leaves
-    out backlash or a compliance.
 
     Parameters
     ----------
@@ -364,62 +346,46 @@ def design_compensation(
     input_delay : float, optional
         Largest delay of the drive, beyond the axis' own effects [s].
     bandwidth : float, optional
-        Bandwidth of the sliding loop [rad/s].  Default: what delay, sampling
-        time and encoder allow.
+        Bandwidth of the sliding loop [rad/s].  Default: what delay, sampling time and encoder
+        allow.
     law : str, optional
-        "learned" (default): Coulomb and Stribeck feedforward, learned; "fixed":
-        the same, not learned.  Baselines: "pid"; "sign", a PID with the nominal
-        Coulomb level by the sign of the reference velocity; "disturbance
-        observer"; "adrc".
+        "learned" (default): Coulomb and Stribeck feedforward, learned; "fixed": the same, not
+        learned.  Baselines: "pid"; "sign", a PID with the nominal Coulomb level by the sign of
+        the reference velocity; "disturbance observer"; "adrc".
     gains : (float, float, float), optional
         kp, ki and kd in place of those that follow from the bandwidth.
     limit : float, optional
         Largest drive force [N].  Default: none.
     tolerance : float, optional
-        Position error at which the drive is held at rest [m].  Default: three
-        increments, at least a hundredth of the way that friction moves kp.
+        Position error at which the drive is held at rest [m].  Default: three increments, at
+        least a hundredth of the way that friction moves kp.
     learning : float, optional
         Rate of learning [1/s].
     disturbance_bandwidth : float, optional
-        Bandwidth of the estimate of velocity, or of the disturbance observer of a
-        baseline [rad/s].
+        Bandwidth of the estimate of velocity, or of a baseline's disturbance observer [rad/s].
     mismatch : float, optional
-        Relative error of mass, viscous coefficient, Coulomb level, Stribeck excess
-        and Stribeck velocity, each, for the certificate.
+        Relative error of mass, viscous coefficient, Coulomb level, Stribeck excess and Stribeck
+        velocity, each, for the certificate.
     correction : float, optional
-        Largest change of the nominal friction by learning and the integral while the
-        reference moves, in parts of the Coulomb level; a larger one widens the tube.
-        Default: what an axis within the mismatch needs.
+        Largest change of the nominal friction by learning and the integral while the reference
+        moves, in parts of the Coulomb level; a larger one widens the tube.  Default: what an axis
+        within the mismatch needs.
     noise : float, optional
-        Largest step of the drive when the reading changes by one increment, in parts of the
-        Coulomb level.  A low-pass on the velocity keeps it, and makes the loop slower: the
-        tube grows.  Not with `gains`.
+        Largest step of the drive for one increment, in parts of the Coulomb level: a low-pass on
+        the velocity keeps it, which makes loop and tube worse.  Not with `gains`.
 
     Notes
     -----
-    With the reference r looked ahead by the delay, s its direction, L the
-    Coulomb level there, g the other force effects there ::
+    With the reference r looked ahead by the delay, s its direction, L the Coulomb level there, g
+    the other force effects there ::
 
         u = kp e + ki integral(e) + kd e_v + m a_r + f v_r - g(r)
             + s (L + c_s + sigma L exp(-((abs(v_r) - Sigma)/vs)^2)) + q s l
 
-    c_s and sigma are learned by normalised least mean squares from the switched
-    observer's friction while it slides; l is what they leave, of which a small part q
-    is fed back.  While the reference moves, c_s, sigma, q l and the integral together change
-    the nominal friction by at most `correction` levels.  With presliding, s runs from -1 to 1 as
-    the reference covers the presliding distance (Dahl's shape, as Prandtl's element has it).
-
-    At rest of reference and axis the integral is held once the error is within
-    the tolerance, and after a settling time the drive itself.  Each correction
-    widens the tolerance by half: corrections end, and a constant drive below
-    breakaway does not hunt.
-
-    e_v combines the low-passed difference of e with an estimate by an observer of e, whose
-    model has no delay: it leads the axis, which damps the loop in spite of the delay.  The
-    feedback knows neither modes nor friction, so that its loop is linear.
-
-    Static input effects (gain, dead zone) are inverted.  Effects that need
-    states of their own (backlash, compliance) are not compensated.
+    with c_s and sigma learned from the switched observer, and l what they leave; the guide to
+    compensation says how it works.  Static input effects (gain, dead zone) are inverted.  Effects
+    that need states of their own (backlash, compliance) are not compensated; an ObserverWarning
+    names them.
 
     Examples
     --------
@@ -454,7 +420,7 @@ def design_compensation(
         most_step = noise * level / quantum if quantum and level else math.inf
         filter_time = tuned.filter_time(acting, tuning, dt, whole_delay, bandwidth, most_step)
     highest = tuned.highest(tuning, dt, whole_delay, filter_time)
-    w = min(highest, tuned.FASTEST / dt) if bandwidth is None else bandwidth
+    w = bandwidth or min(highest, tuned.FASTEST / dt)
     if w * dt > 0.5:
         raise ValueError(
             f"bandwidth {w:g} rad/s is too high for dt = {dt:g} s: keep bandwidth * dt below 0.5"
@@ -464,7 +430,6 @@ def design_compensation(
         ki = 0.0 if law == "adrc" else tuned.INTEGRAL * w * kp
     else:
         kp, ki, kd = _three(gains)
-    reach = level / kp
     most = math.inf if limit is None else positive("limit", limit, unit=axis.unit("N"))
     excess = acting.stribeck.excess if acting.stribeck else 0.0
     breakaway = level * (1.0 + excess)
@@ -489,6 +454,10 @@ def design_compensation(
                 f"{whole_delay:g} s ({problem}): check dt and input_delay, which are in seconds"
                 + see("howto/compensate")
             ) from None
+    if tolerance is None:
+        tolerance = max(3.0 * quantum, 0.01 * (level / kp), 1e-9 * acting.stick_speed)
+    if disturbance_bandwidth is None:
+        disturbance_bandwidth = tuned.estimate_bandwidth(w, dt, whole_delay, filter_time)
     made = Compensation(
         axis=axis,
         dt=dt,
@@ -502,16 +471,10 @@ def design_compensation(
         filter_time=filter_time,
         lead=round(whole_delay / dt + 1.0),
         limit=most,
-        tolerance=(
-            max(3.0 * quantum, 0.01 * reach, 1e-9 * acting.stick_speed)
-            if tolerance is None
-            else positive("tolerance", tolerance, unit=axis.unit("m"))
-        ),
-        learning=tuned.LEARNING if learning is None else positive("learning", learning, zero=True),
-        disturbance_bandwidth=(
-            tuned.estimate_bandwidth(w, dt, whole_delay, filter_time)
-            if disturbance_bandwidth is None
-            else positive("disturbance_bandwidth", disturbance_bandwidth, unit="rad/s")
+        tolerance=positive("tolerance", tolerance, unit=axis.unit("m")),
+        learning=positive("learning", learning, zero=True),
+        disturbance_bandwidth=positive(
+            "disturbance_bandwidth", disturbance_bandwidth, unit="rad/s"
         ),
         mismatch=mismatch,
         correction=mismatch * (1.0 + excess) if correction is None else correction,
@@ -533,9 +496,8 @@ class Promise:
 
 #: What stands in a file of a compensation.
 SAVED = (Promise, Compensation, *OBSERVER_SAVED)
-_POSITIVE = ("dt", "bandwidth", "kp", "tolerance", "disturbance_bandwidth")
-_MAY_BE_ZERO = ("encoder_quantum", "input_delay", "ki", "filter_time", "learning", "mismatch",
-                "correction")  # fmt: skip
+_MAY_BE_ZERO = "encoder_quantum input_delay ki filter_time learning mismatch correction".split()
+_POSITIVE = ("dt", "bandwidth", "kp", "tolerance", "disturbance_bandwidth", *_MAY_BE_ZERO)
 
 
 def certified(comp: Compensation) -> Compensation:
@@ -570,11 +532,8 @@ def load_compensation(path: str | os.PathLike[str]) -> Compensation:
     path : str or path
         File written by `Compensation.save`.
 
-    Returns
-    -------
-    Compensation
-        Its certificate is computed anew; a ValueError if the file states a smaller tube, is
-        damaged or newer than this package.
+        A ValueError if it states a smaller tube than its certificate, computed anew, is damaged
+        or newer than this package.
 
     Examples
     --------
@@ -588,17 +547,14 @@ def load_compensation(path: str | os.PathLike[str]) -> Compensation:
     >>> again.certificate.tube == comp.certificate.tube
     True
     """
-    found: Compensation = load_object(path, KIND, SAVED, _checked, CertificateError)
-    return found
+    return load_object(path, KIND, SAVED, _checked, CertificateError)
 
 
 def _checked(stated: Promise) -> Compensation:
     """The design of a file, every part in its range, which keeps what the file states."""
     comp = stated.design
     for name in _POSITIVE:
-        positive(name, getattr(comp, name))
-    for name in _MAY_BE_ZERO:
-        positive(name, getattr(comp, name), zero=True)
+        positive(name, getattr(comp, name), zero=name in _MAY_BE_ZERO)
     finite("kd", comp.kd)
     whole("lead", comp.lead, least=0)
     one_of("law", comp.law, tuned.LAWS)

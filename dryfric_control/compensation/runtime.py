@@ -31,8 +31,7 @@ _STATES = (
 class CompensatedController:
     """Position controller with friction compensation, ready to run.
 
-    Made by `Compensation.controller`; for `simulate_loop`, for
-    `control.interconnect` (`block`) and for your own loop (`stepper`).
+    For `simulate_loop`, `control.interconnect` (`block`) and your own loop (`stepper`).
 
     Examples
     --------
@@ -55,8 +54,7 @@ class CompensatedController:
         Parameters
         ----------
         motion : MotionProfile, optional
-            Reference whose first samples the controller knows already.
-            Default: it rests at the first reference it is given.
+            Reference whose first samples it knows.  Default: it rests at the first one it gets.
         """
         history = int(self.law.observer_axis_integers[kernel.axis_step.N_HISTORY])
         memory = np.zeros(kernel.LINE + kernel.STRIDE * self.lead + OBSERVER_LINE + history)
@@ -74,7 +72,6 @@ class CompensatedController:
         Parameters
         ----------
         loop : LoopRun
-            Plant, reference and encoder; its `out` is filled.
         """
         return kernel.run_loop(
             loop.axis.numbers, loop.axis.integers, loop.state, self.law, self.memory(loop.motion),
@@ -91,30 +88,17 @@ class CompensatedController:
         Returns
         -------
         control.NonlinearIOSystem
-            Inputs xref, vref, aref, y; outputs u and friction, the part of u that
-            compensates friction.  The drive depends on the reading and on what
-            the observer knew before, so that there is no algebraic loop.
-
-        Notes
-        -----
-        The reference is that of `lead` samples later: the axis follows it that
-        much behind.  Zero states are a controller at rest at its first reference.
+            Inputs xref, vref, aref, those of `lead` samples later, and y; outputs u and friction,
+            the part of u that compensates friction.  There is no algebraic loop.  Zero states are
+            a controller at rest at its first reference.
         """
-        law = self.law
 
-        def update(t: float, x: Any, u: Any) -> Floats:
-            memory = np.array(x, dtype=float)
-            kernel.step(law, memory, u[0], u[1], u[2], u[3])
-            return memory
-
-        def output(t: float, x: Any, u: Any) -> Floats:
-            memory = np.array(x, dtype=float)
-            drive = kernel.step(law, memory, u[0], u[1], u[2], u[3])
-            return np.array([drive, memory[kernel.FORCE]])
+        def step(t: float, memory: Floats, u: Any) -> Floats:
+            return np.array([kernel.step(self.law, memory, *u), memory[kernel.FORCE]])
 
         states = [*_STATES, *(f"{what}{i + 1}" for i in range(self.lead) for what in "xvf")]
         states += [f"observer{i}" for i in range(self.memory().size - len(states))]
-        return Block.of(update, output, "xref vref aref y", "u friction", states, self.dt, name)
+        return Block.stepped(step, "xref vref aref y", "u friction", states, self.dt, name)
 
     def stepper(self) -> CompensationStepper:
         """Controller to be stepped sample by sample."""
@@ -155,7 +139,7 @@ class CompensationStepper:
         xref, vref, aref : float
             Reference of `lead` samples later [m], [m/s], [m/s^2].
         y : float
-            Position read at this sample [m].  A ValueError leaves the controller as it was.
+            Position read at this sample [m].
         """
         given = (finite("xref", xref), finite("vref", vref), finite("aref", aref), finite("y", y))
         return float(kernel.step(self.controller.law, self._memory, *given))

@@ -109,13 +109,8 @@ def observer_lag(observer: ObserverDesign) -> float:
 def extended_gains(axis: FrictionAxis, dt: float, bandwidth: float) -> Floats:
     """Gains of an extended state observer with three equal poles, by the current reading."""
     rate, m = axis.viscous / axis.mass, axis.mass
-    A = np.array(
-        [
-            [1.0, dt * (1.0 - 0.5 * dt * rate), 0.5 * dt**2 / m],
-            [0.0, 1.0 - dt * rate, dt / m],
-            [0.0, 0.0, 1.0],
-        ]
-    )
+    moved = [1.0, dt * (1.0 - 0.5 * dt * rate), 0.5 * dt**2 / m]
+    A = np.array([moved, [0.0, 1.0 - dt * rate, dt / m], [0.0, 0.0, 1.0]])
     # (I - M C) A has these poles; C A is the first row of A.
     pole = math.exp(-bandwidth * dt)
     return np.asarray(ct.acker(A.T, A[:1].T, [pole] * 3), dtype=float).ravel()
@@ -133,11 +128,8 @@ def watched(source: ObserverDesign | FrictionAxis, quantum: float, dt: float) ->
     """Arrays of the observer; of none, such as the compiled law takes all the same."""
     if isinstance(source, ObserverDesign):
         return tuple(tables(source, "reading", quantum))
-    arrays = source.arrays(dt)
-    return (
-        np.zeros(6), np.zeros((3, 6)), np.zeros((1, 3)), np.zeros((2, 3), dtype=np.int64),
-        arrays.numbers, arrays.integers,
-    )  # fmt: skip
+    nothing = np.zeros(6), np.zeros((3, 6)), np.zeros((1, 3)), np.zeros((2, 3), dtype=np.int64)
+    return (*nothing, *source.arrays(dt)[:2])
 
 
 def calm_noise(axis: FrictionAxis, dt: float, quantum: float, fastest: float) -> float:
@@ -187,17 +179,12 @@ def estimate_bandwidth(w: float, dt: float, delay: float, filter_time: float) ->
 
 
 def filter_time(
-    axis: FrictionAxis,
-    tuning: Tuning,
-    dt: float,
-    delay: float,
-    bandwidth: float | None,
-    most: float,
+    axis: FrictionAxis, tuning: Tuning, dt: float, delay: float, given: float | None, most: float
 ) -> float:
-    """Time constant of the low-pass on the velocity that keeps the noise in the drive [s]."""
+    """Time constant [s] of the low-pass that keeps the noise in the drive; `given`: bandwidth."""
 
     def step(filtered: float) -> float:
-        w = bandwidth or min(highest(tuning, dt, delay, filtered), FASTEST / dt)
+        w = given or min(highest(tuning, dt, delay, filtered), FASTEST / dt)
         kp, kd = proportional(axis, tuning, w)
         part = share(tuning, delay / dt)
         gain = extended_gains(axis, dt, estimate_bandwidth(w, dt, delay, filtered))[1]
@@ -207,10 +194,10 @@ def filter_time(
     if not step(low) > most:
         return low
     high = low
-    while step(high) > most and (bandwidth is None or high < tuning.phase / bandwidth):
+    while step(high) > most and (given is None or high < tuning.phase / given):
         high *= 2.0
-    if bandwidth is not None:
-        high = max(min(high, tuning.phase / bandwidth - delay - SAMPLED * dt), low)
+    if given is not None:
+        high = max(min(high, tuning.phase / given - delay - SAMPLED * dt), low)
     while high - low > 1e-6 * high:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if step(middle) > most else (low, middle)

@@ -1,12 +1,7 @@
-"""Compiled law of the compensated position loop.
+"""Compiled law of the compensated position loop: block, stepper and closed loop call `step`.
 
-One function, `step`, takes the reference and the reading of one sample and
-returns the drive.  The python-control block, the stepper and the compiled
-closed loop all call it.
-
-The reference leads the required motion by `lead` samples.  The feedforward uses it
-immediately, which compensates the delay of the drive; the feedback compares the
-reading with the reference `lead` samples ago.
+The reference leads the motion by `lead` samples.  The feedforward uses it at once: that compensates
+the delay of the drive; the feedback compares the reading with the reference `lead` samples ago.
 """
 
 from __future__ import annotations

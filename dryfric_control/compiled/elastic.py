@@ -163,21 +163,15 @@ def _most(side, drive, t0, tau, at, s, rest):
     return _bound(side, t, at.y, at.p, w, s, rest) / side.numbers[step.CONTACT_STIFFNESS]
 
 
-@step.internal(forceinline=True)
-def _most_after(side, drive, t0, tau, at, m, k, s, rest, span):
-    """The same after a short time, by the accelerations of motor and load."""
-    x, v, y, p = at.x, at.v, at.y, at.p
-    then = Masses(x + span * v, v + span * m, y + span * p, p + span * k)
-    return _most(side, drive, t0, tau + span, then, s, rest)
-
-
 @step.internal
 def _tightens(side, drive, t0, tau, at, m, k, s, rest, d):
     """Rate at which a deflection in direction s nears the limit at which it slides."""
-    span = _SPAN * d
-    later = _most_after(side, drive, t0, tau, at, m, k, s, rest, span)
-    earlier = _most_after(side, drive, t0, tau, at, m, k, s, rest, -span)
-    return s * at.p - (later - earlier) / (2.0 * span)
+    x, v, y, p, span = at.x, at.v, at.y, at.p, _SPAN * d
+    then = Masses(x + span * v, v + span * m, y + span * p, p + span * k)
+    before = Masses(x - span * v, v - span * m, y - span * p, p - span * k)
+    later = _most(side, drive, t0, tau + span, then, s, rest)
+    earlier = _most(side, drive, t0, tau - span, before, s, rest)
+    return s * p - (later - earlier) / (2.0 * span)
 
 
 @step.internal
@@ -765,44 +759,26 @@ def _settle(plant, force, t, memory):
         memory[step.DEFLECTION] = pull / plant.numbers[step.CONTACT_STIFFNESS]
 
 
-@step.internal(inline="always")
-def _advance_structure(plant, drive, t0, h, memory, events, count):
-    """Move an axis with inner states, see `advance`."""
-    kind = plant.integers[step.STRUCTURE]
-    if kind & step.PLAY:
-        return _advance_play(plant, drive, t0, h, memory, events, count)
-    if kind & step.SPRING:
-        return _advance_inner(_load_side(plant), drive, t0, h, memory, events, count)
-    return _advance_inner(plant, drive, t0, h, memory, events, count)
-
-
-@step.internal(inline="always")
-def _outputs_structure(plant, drive, t, memory):
-    """Velocity of the motor, friction force and mode of the load."""
-    kind = plant.integers[step.STRUCTURE]
-    if kind & step.PLAY:
-        v, friction, mode, _ = _seen_play(plant, drive, t, memory, meeting(plant, memory))
-        return v, friction, mode
-    two = kind & step.SPRING != 0
-    mode, _, _, friction, _, _ = _begin_inner(
-        _load_side(plant) if two else plant, drive, t, _masses(memory, two),
-        memory[step.DEFLECTION], int(memory[step.MODE]), memory[step.REST],
-    )  # fmt: skip
-    return memory[step.V], friction, mode
-
-
 def _inner_task(
     task, numbers, integers, start, slope, fade, rate, t0, h, memory, events, count, seen
 ):
-    """Perform a task of an axis with inner states; velocity, friction, mode."""
+    """Perform a task of an axis with inner states; velocity of the motor, friction, mode."""
     plant, drive = step.Plant(numbers, integers), step.Drive(start, slope, fade, rate)
     if task == step.SETTLE:
         _settle(plant, start, t0, memory)
         return
-    if task == step.ADVANCE:
-        v, friction, mode = _advance_structure(plant, drive, t0, h, memory, events, count)
+    play, two = integers[step.STRUCTURE] & step.PLAY, integers[step.STRUCTURE] & step.SPRING != 0
+    side = _load_side(plant) if two else plant
+    if task == step.ADVANCE and play:
+        v, friction, mode = _advance_play(plant, drive, t0, h, memory, events, count)
+    elif task == step.ADVANCE:
+        v, friction, mode = _advance_inner(side, drive, t0, h, memory, events, count)
+    elif play:
+        v, friction, mode, _ = _seen_play(plant, drive, t0, memory, meeting(plant, memory))
     else:
-        v, friction, mode = _outputs_structure(plant, drive, t0, memory)
+        at, z, before = _masses(memory, two), memory[step.DEFLECTION], int(memory[step.MODE])
+        found = _begin_inner(side, drive, t0, at, z, before, memory[step.REST])
+        v, friction, mode = at.v, found[3], found[0]
     seen[0], seen[1], seen[2] = v, friction, mode
 
 

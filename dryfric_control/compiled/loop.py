@@ -23,19 +23,13 @@ def encode(x, quantum):
 
 
 @njit(cache=True, error_model="numpy")
-def control_force(gains, memory, reference, y):
-    """Drive force before and after saturation, and the velocity estimate."""
+def control_update(gains, memory, reference, y):
+    """Advance the controller by one sample; returns its drive force."""
     span = gains[SPAN]
     difference = (y - memory[READINGS + int(span) - 1]) / (span * gains[STEP])
     speed = gains[KEEP] * memory[SPEED] + (1.0 - gains[KEEP]) * difference
     wanted = gains[KP] * (reference - y) + gains[KI] * memory[INTEGRAL] - gains[KD] * speed
-    return wanted, min(max(wanted, -gains[LIMIT]), gains[LIMIT]), speed
-
-
-@njit(cache=True, error_model="numpy")
-def control_update(gains, memory, reference, y):
-    """Advance the controller by one sample; returns its drive force."""
-    wanted, given, speed = control_force(gains, memory, reference, y)
+    given = min(max(wanted, -gains[LIMIT]), gains[LIMIT])
     if gains[KI] > 0.0:
         # Back-calculation: a saturated drive unwinds the integral at the rate
         # kp/ki at which the integral would have wound up.

@@ -1,11 +1,7 @@
 """Compiled one-sample step of the switched PI observer.
 
-Numbers and arrays in and out.  The python-control block, the whole-record run
-and the real-time stepper call `_decide` and `_predict`.
-
-A sample has two parts.  `_decide` takes the new drive u and reading y and
-determines the mode and thereby the outputs (position, velocity, friction, mode).
-`_predict` advances the estimate to the next sample.
+`_decide` takes the new drive u and reading y and determines mode and outputs; `_predict` advances
+the estimate to the next sample.
 """
 
 from __future__ import annotations
@@ -241,13 +237,6 @@ def _sample(tables, memory, t, u, y, out, row):
     out[row], out[row + 1], out[row + 2] = memory[XHAT], memory[VHAT], friction
     out[row + 3], out[row + 4] = memory[WHAT], memory[MODE]
     _predict(tables, memory, w, believed, drive, y)
-
-
-@njit(cache=True, error_model="numpy")
-def decide(numbers, matrices, gains, transitions, axis_numbers, axis_integers, memory, t, u, y):
-    """Determine the mode of one sample, `memory` in place; the friction estimate."""
-    tables = _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers)
-    return _decide(tables, axis_step.pointer(memory), t, u, y)[0]
 
 
 @njit(cache=True, error_model="numpy")

@@ -17,21 +17,12 @@ __all__ = ["belt_stage", "belt_stage_axis", "emps", "emps_axis"]
 def belt_stage() -> Record:
     """Record of 8 s of a belt-driven stage, simulated.
 
-    Returns
-    -------
-    Record
-        Drive force [N] and position [m] at 500 Hz, encoder of 5 µm.
-
-    See Also
-    --------
-    belt_stage_axis : the model that its maker has of it.
-
     Notes
     -----
-    It was made by a time-stepping simulator that shares no code with this package.  The
-    machine has what `belt_stage_axis` lacks: a force of the belt's teeth of 1.6 N with a period
-    of 5 mm, and friction that is 12 % higher forwards and lower backwards.  Noise of 0.1 N acts
-    on the drive.
+    Drive force [N] and position [m] at 500 Hz, encoder of 5 µm, by a time-stepping simulator that
+    shares no code with this package.  The machine has what `belt_stage_axis` lacks: a force of the
+    belt's teeth of 1.6 N with a period of 5 mm, and friction that is 12 % higher forwards and lower
+    backwards.  Noise of 0.1 N acts on the drive.
 
     Examples
     --------
@@ -61,18 +52,12 @@ def emps(path: str | os.PathLike[str]) -> Record:
     Parameters
     ----------
     path : path-like
-        DATA_EMPS.mat, from nonlinearbenchmark.org; it does not ship with this package.  `emps_axis`
-        is the model published with it.
-
-    Returns
-    -------
-    Record
-        Drive force [N], position and reference [m] at 1 kHz, 24.8 s.
+        DATA_EMPS.mat, from nonlinearbenchmark.org; it does not ship with this package.
 
     Notes
     -----
-    A. Janot, M. Gautier, M. Brunot, "Data set and reference models of EMPS", Workshop on
-    Nonlinear System Identification Benchmarks, 2019.
+    Drive force [N], position and reference [m] at 1 kHz.  A. Janot, M. Gautier, M. Brunot, "Data
+    set and reference models of EMPS", Nonlinear System Identification Benchmarks, 2019.
 
     Examples
     --------

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dryfric_control.diagnosis.candidates import SLUGS
-from dryfric_control.diagnosis.causes import cause_of
-from dryfric_control.diagnosis.gain_or_base import GAIN, every, left_open, or_a_gain
+from dryfric_control.diagnosis.causes import GAIN, cause_of, every, left_open, or_a_gain
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.diagnosis.search import Model, Search, evidence
@@ -18,7 +17,6 @@ from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import with_values
 from dryfric_control.estimation.scoring import FEW, SOME
 from dryfric_control.estimation.solution import Solution
-from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.effects.levels import carrying
 
@@ -38,9 +36,8 @@ def causes_of(
     for name in model.causes:
         own = {n.partition(".")[2]: n for n in model.own(name) if n in values}
         less = search.less_by(name)
-        if less is None or not less.fit.point.out:
-            fall = np.zeros(1)
-        else:
+        fall = np.zeros(1)
+        if less is not None and less.fit.point.out:
             fall = less.fit.held_out() - model.fit.held_out()
         fall = fall[np.isfinite(fall)]
         size = 2.0 / problem.samples
@@ -77,21 +74,20 @@ def _wrong_base(search: Search, model: Model, final: Solution) -> list[Cause]:
         cause = cause_of(problem.believed, slug, own, values, errors, units, (gain, error))
         found.append((gain, cause))
     wrong = [cause for _, cause in sorted(found, key=lambda one: -one[0])]
-    if GAIN in model.causes or not left_open(
-        problem.believed, {*problem.known, *problem.tolerance}
-    ):
+    told = {*problem.known, *problem.tolerance}
+    if GAIN in model.causes or not left_open(problem.believed, told):
         return wrong
 
     def scales(cause: Cause) -> tuple[str, ...]:
         alike = _load_does_the_same(problem, model, final, *cause.parameters)
         return (GAIN, _LOAD) if alike else (GAIN,)
 
-    found_all = or_a_gain(problem.believed, wrong, scales)
+    wrong = or_a_gain(problem.believed, wrong, scales)
     if len(wrong) == 1 and not model.causes:
         # One wrong base parameter may be an effect that was not needed beside it.
-        alike = _instead(search, final, wrong[0])
-        return [replace(found_all[0], alternatives=(*found_all[0].alternatives, *alike))]
-    return found_all
+        others = (*wrong[0].alternatives, *_instead(search, final, wrong[0]))
+        return [replace(wrong[0], alternatives=others)]
+    return wrong
 
 
 def _instead(search: Search, final: Solution, cause: Cause) -> tuple[str, ...]:
@@ -99,10 +95,8 @@ def _instead(search: Search, final: Solution, cause: Cause) -> tuple[str, ...]:
     problem = replace(search.problem, known=(*search.problem.known, *cause.parameters))
     other = Search(problem, odds=dict(search.odds))
     rows = other.round(Model(other.alone()))
-    return tuple(
-        row.names[0] for row in rows
-        if len(row.names) == 1 and not row.reason and row.fit.cost < final.cost + EQUAL
-    )  # fmt: skip
+    alone = (row for row in rows if len(row.names) == 1 and not row.reason)
+    return tuple(row.names[0] for row in alone if row.fit.cost < final.cost + EQUAL)
 
 
 def _load_does_the_same(problem: Problem, model: Model, final: Solution, held: str) -> bool:
@@ -130,9 +124,9 @@ def _size(search: Search, name: str) -> float:
     """RMS force per unit of a base parameter, or of an amount of a nominal effect."""
     if name not in BASE:
         return math.inf if search.view is None else search.view.force_per_unit(name)
-    smooth = [r.record.derivatives() for r in search.problem.runs]
     if name == "coulomb":
         return 1.0
+    smooth = [r.record.derivatives() for r in search.problem.runs]
     rows = [one.a if name == "mass" else one.v for one in smooth]
     return float(np.sqrt(np.mean(np.concatenate(rows) ** 2)))
 
@@ -164,32 +158,18 @@ def varying(
             break
         own.append(best[1])
         now = best[2]
-    values, errors = now.values(), now.standard_errors()
+    both = {"values": now.values(), "standard_errors": now.standard_errors()}
     table = {
-        n: {
-            "values": [values[f"{n}@{i}"] for i in range(count)],
-            "standard_errors": [errors[f"{n}@{i}"] for i in range(count)],
-        }
+        n: {what: [found[f"{n}@{i}"] for i in range(count)] for what, found in both.items()}
         for n in own
     }
     return table, now, replace(problem, own=tuple(own))
 
 
 def _separate(less: Solution, more: Solution) -> bool:
-    """Whether the record-specific parameters of two fits can be told from each other.
-
-    The new parameter of `more` must not double the standard errors of the earlier ones, and
-    its own must be clearly smaller than its spread over the records.
-    """
-    before, after = less.standard_errors(), more.standard_errors()
-    values = more.values()
+    """Whether a further record-specific parameter leaves the others determined, and is itself."""
+    before, after, values = less.standard_errors(), more.standard_errors(), more.values()
     new = [n for n in after if "@" in n and n not in before]
-    differ = max(values[n] for n in new) - min(values[n] for n in new)
-    return all(after[n] < 2.0 * before[n] for n in before if "@" in n) and all(
-        CLEAR * after[n] < differ for n in new
-    )
-
-
-def axes_of(rivals: dict[str, Solution]) -> list[FrictionAxis]:
-    """Axes of alternatives, for the next experiment."""
-    return [fit.axis for fit in rivals.values()]
+    differ = float(np.ptp([values[n] for n in new]))
+    known = all(after[n] < 2.0 * before[n] for n in before if "@" in n)
+    return known and all(CLEAR * after[n] < differ for n in new)

@@ -50,11 +50,7 @@ class Start:
 
 
 def catalogue(axis: FrictionAxis, found: Sequence[str] = ()) -> tuple[str, ...]:
-    """Names of effects that may be tried on an axis: all registered and not found yet.
-
-    Effects that the axis already has are included, as their values may be wrong; of
-    effects that may repeat, one more is included.
-    """
+    """Names of effects to try on an axis: its own, all others, of repeatable ones one more."""
     present = named(axis)
     actions = {e.action for e in axis.effects}
     names = []
@@ -83,10 +79,7 @@ def holds(axis: FrictionAxis, name: str) -> bool:
 
 
 def with_effect(axis: FrictionAxis, name: str, values: dict[str, float]) -> Start:
-    """Axis with an effect added, or replaced if it has one of that name.
-
-    A guess outside the bounds of its parameter is moved to the nearer bound.
-    """
+    """Axis with an effect added, or replaced if it has one of that name, within its bounds."""
     effect = effect_class(name)
     kinds = effect.parameters()
     for parameter in values:
@@ -98,10 +91,7 @@ def with_effect(axis: FrictionAxis, name: str, values: dict[str, float]) -> Star
 def shown(
     name: str, records: Sequence[Record], travel: tuple[float, float] | None
 ) -> tuple[float, float]:
-    """Least and largest value of a parameter that records can show.
-
-    `name`: its full name, such as "cogging_2.amplitude".  `travel`: that of the axis.
-    """
+    """Least and largest value of a parameter, such as "cogging_2.amplitude", that records show."""
     owner, _, own = name.partition(".")
     effect = effect_class(owner)
     item = effect.parameters()[own]
@@ -110,8 +100,9 @@ def shown(
         # A very light mass would vibrate over thousands of steps while the other rests.
         return KINDS["share"]
     if kind == "place":
-        low, high = travelled(records)
-        return min([low, *(travel or ())]), max([high, *(travel or ())])
+        low, high = min(float(r.x.min()) for r in records), max(float(r.x.max()) for r in records)
+        room = _OUTSIDE * (high - low)
+        return min([low - room, *(travel or ())]), max([high + room, *(travel or ())])
     dt = float(np.median([r.dt for r in records]))
     if kind == "time":
         return SOONEST * dt, _LATEST * max(r.duration for r in records)
@@ -121,45 +112,27 @@ def shown(
     if unit == "m" and kind == "amount":
         return (_ROUNDING if effect.action == "reading" else _FINER) * step, math.inf
     if unit == "m/s":
-        return _SLOWEST * step / dt, _FASTER * max(_fastest(r) for r in records)
+        fast = max(np.quantile(np.abs(r.derivatives().v), _NEARLY_ALL) for r in records)
+        return _SLOWEST * step / dt, _FASTER * float(fast)
     return -math.inf, math.inf
 
 
 def placed(
     values: Mapping[str, float], records: Sequence[Record], travel: tuple[float, float] | None
 ) -> bool:
-    """Whether a cause acts at positions, lengths, speeds and times that the records show.
-
-    `values`: by the full names of its free parameters.
-    """
+    """Whether a cause acts at positions, lengths, speeds and times that the records show."""
     near = 1.0 + 1e-6
     bounds = ((v, *shown(n, records, travel)) for n, v in values.items())
     return all((low < v * near and v < high * near) or low <= v <= high for v, low, high in bounds)
 
 
 def amounts(name: str, own: Iterable[str]) -> Iterator[tuple[str, float, bool]]:
-    """Those of a candidate's free parameters that tell whether it is there.
-
-    Amounts with a value at which the effect vanishes: full name, that value, and whether
-    others may do without it.
-    """
+    """Free amounts of a candidate, the value at which each vanishes, whether others do without."""
     kinds = effect_class(name).parameters()
     for full in own:
         kind = kinds[full.partition(".")[2]]
         if kind["kind"] == "amount" and kind["neutral"] is not None:
             yield full, kind["neutral"], kind["optional"]
-
-
-def travelled(records: Sequence[Record]) -> tuple[float, float]:
-    """Lowest and highest position that count as within the travel of the records."""
-    low = min(float(r.x.min()) for r in records)
-    high = max(float(r.x.max()) for r in records)
-    room = _OUTSIDE * (high - low)
-    return low - room, high + room
-
-
-def _fastest(record: Record) -> float:
-    return float(np.quantile(np.abs(record.derivatives().v), _NEARLY_ALL))
 
 
 def own_names(name: str) -> tuple[str, ...]:

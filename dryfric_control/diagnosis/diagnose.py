@@ -18,9 +18,8 @@ from tqdm import tqdm
 
 from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
-from dryfric_control.diagnosis import gain_or_base
-from dryfric_control.diagnosis.answer import axes_of, causes_of, varying
-from dryfric_control.diagnosis.causes import hardly_determined
+from dryfric_control.diagnosis.answer import causes_of, varying
+from dryfric_control.diagnosis.causes import hardly_determined, rival
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, quieter
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
@@ -425,10 +424,11 @@ def _experiment(
     """The experiment that separates the first doubtful cause from its alternatives."""
     doubtful = next((n for n in model.causes if rivals.get(n)), None)
     if doubtful is None:
-        other = gain_or_base.rival(final.axis, problem.believed, causes)
+        other = rival(final.axis, problem.believed, causes)
         return other and next_experiment(final.axis, other[:1], record, names=other[1:])
     some = dict(list(rivals[doubtful].items())[:RIVALS])
-    return next_experiment(final.axis, axes_of(some), record, names=[doubtful, *some])
+    axes = [fit.axis for fit in some.values()]
+    return next_experiment(final.axis, axes, record, names=[doubtful, *some])
 
 
 def _window(axis: FrictionAxis, records: Sequence[Record]) -> float:

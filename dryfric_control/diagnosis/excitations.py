@@ -14,7 +14,8 @@ from dryfric_control.model.effects import BiasForce
 from dryfric_control.records.record import Record
 from dryfric_control.ties import samples
 
-Motion = tuple[Floats, Floats]
+# Reference, and feed-forward force where there is any.
+Motion = Floats | tuple[Floats, Floats]
 
 # Length of an experiment [s], and largest number of simulated samples.
 _DURATION, _MOST_SAMPLES = 8.0, 16_000
@@ -65,20 +66,13 @@ class Stage:
     @classmethod
     def of(cls, axis: FrictionAxis, limits: Limits, dt: float) -> Stage:
         """Stage for an axis within limits, sampled at `dt`."""
-        axis = axis.effective()
-        low, high = limits.travel
-        middle, drive = 0.5 * (low + high), limits.drive
+        axis, (low, high), drive = axis.effective(), limits.travel, limits.drive
+        middle, reach = 0.5 * (low + high), (0.5 - _MARGIN) * (high - low)
         level = 0.5 * float(np.sum([axis.coulomb(np.array([middle]), s) for s in (1, -1)]))
         t = np.asarray(dt * np.arange(min(samples(_DURATION, dt), _MOST_SAMPLES)))
-        return cls(
-            limits, axis, t, float(t[-1]), middle, (0.5 - _MARGIN) * (high - low), level,
-            spare=max(drive - level, 0.2 * drive), added_mass=ADDED_MASS * axis.mass,
-            known_force=KNOWN_FORCE * min(max(level, 0.05 * drive), drive),
-        )  # fmt: skip
-
-    def still(self) -> Floats:
-        """Zero feed-forward force."""
-        return np.zeros(self.t.size)
+        mass, force = ADDED_MASS * axis.mass, KNOWN_FORCE * min(max(level, 0.05 * drive), drive)
+        spare = max(drive - level, 0.2 * drive)
+        return cls(limits, axis, t, float(t[-1]), middle, reach, level, spare, mass, force)
 
 
 def _zigzag(stage: Stage, speed: float, reach: float) -> Floats:
@@ -89,12 +83,12 @@ def _zigzag(stage: Stage, speed: float, reach: float) -> Floats:
 
 def _triangle(stage: Stage, scale: float) -> Motion:
     speed = min(8.0 * stage.reach / stage.duration, 0.8 * stage.limits.speed)
-    return _zigzag(stage, scale * speed, scale * stage.reach), stage.still()
+    return _zigzag(stage, scale * speed, scale * stage.reach)
 
 
 def _crawl(stage: Stage, scale: float) -> Motion:
     speed = 0.02 * scale * stage.limits.speed
-    return _zigzag(stage, speed, min(stage.reach, speed * stage.duration / 8.0)), stage.still()
+    return _zigzag(stage, speed, min(stage.reach, speed * stage.duration / 8.0))
 
 
 def _reversals(stage: Stage, scale: float) -> Motion:
@@ -105,31 +99,25 @@ def _reversals(stage: Stage, scale: float) -> Motion:
     number = np.minimum((stage.t / part).astype(int), turns - 1)
     s = np.minimum((stage.t / part - number) / 0.8, 1.0)
     before = np.concatenate(([0.0], places))[number]
-    eased = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
-    return stage.middle + before + (places[number] - before) * eased, stage.still()
+    return stage.middle + before + (places[number] - before) * s**3 * (10 - 15 * s + 6 * s * s)
 
 
 def _steps(stage: Stage, scale: float) -> Motion:
     # Fixed pattern of short and long steps, with time to settle.
     pattern = np.array([0.0, 0.6, 0.0, -0.9, 0.3, 0.9, -0.3, 0.1, -0.6, 0.0, 0.9, -0.9])
     number = np.minimum((stage.t / stage.duration * pattern.size).astype(int), pattern.size - 1)
-    return stage.middle + scale * stage.reach * pattern[number], stage.still()
+    return stage.middle + scale * stage.reach * pattern[number]
 
 
 def _speeds(stage: Stage, scale: float) -> Motion:
-    parts = 4
-    x = np.empty(stage.t.size)
-    part = (np.minimum(stage.t / stage.duration * parts, parts - 1e-9)).astype(int)
-    for i, share in enumerate((0.08, 0.17, 0.37, 0.8)):
-        pick = part == i
-        t = stage.t[pick] - stage.t[pick][0]
-        speed = scale * share * stage.limits.speed
-        turns = max(1, round(speed * stage.duration / parts / (4.0 * stage.reach)))
-        length = stage.duration / parts / turns
-        reach = min(stage.reach, 0.25 * speed * length)
-        phase = np.mod(t / length + 0.25, 1.0)
-        x[pick] = reach * (1.0 - 4.0 * np.abs(phase - 0.5))
-    return stage.middle + x, stage.still()
+    speeds = scale * np.array([0.08, 0.17, 0.37, 0.8]) * stage.limits.speed
+    length = stage.duration / speeds.size
+    turns = np.maximum(1.0, np.round(speeds * length / (4.0 * stage.reach)))
+    reach = np.minimum(stage.reach, 0.25 * speeds * length / turns)
+    part = np.minimum(stage.t / length, speeds.size - 1e-9).astype(int)
+    since = stage.t - stage.t[np.searchsorted(part, part)]
+    phase = np.mod(since / (length / turns)[part] + 0.25, 1.0)
+    return stage.middle + reach[part] * (1.0 - 4.0 * np.abs(phase - 0.5))
 
 
 def _braking(stage: Stage, scale: float) -> Motion:
@@ -142,12 +130,9 @@ def _braking(stage: Stage, scale: float) -> Motion:
     speed = min(speed, float(np.sqrt(way / (0.5 / fast + 0.5 / slow))))
     up, down = speed / fast, speed / slow
     even = max(min((way - 0.5 * speed * (up + down)) / speed, 0.1 * stage.duration), 0.0)
-    pause = 0.03 * stage.duration
-    one = np.cumsum([pause, up, even, down])
-    t = np.mod(stage.t, one[-1])
-    v = np.interp(t, [0.0, *one], [0.0, 0.0, speed, speed, 0.0])
-    sign = 1.0 - 2.0 * (np.floor(stage.t / one[-1]) % 2)
-    v = sign * v
+    one = np.cumsum([0.03 * stage.duration, up, even, down])
+    v = np.interp(np.mod(stage.t, one[-1]), [0.0, *one], [0.0, 0.0, speed, speed, 0.0])
+    v *= 1.0 - 2.0 * (np.floor(stage.t / one[-1]) % 2)
     dt = stage.t[1] - stage.t[0]
     x = np.cumsum(v) * dt
     force = m * np.gradient(v, dt) + stage.axis.viscous * v + stage.level * np.sign(v)
@@ -162,16 +147,14 @@ def _rests(stage: Stage, scale: float) -> Motion:
     way = scale * min(0.5, 0.1 * stage.limits.speed * ramp / stage.reach)
     times = np.cumsum([0.0, *np.ravel([(rest, ramp) for rest in rests])])
     path = np.interp(stage.t, times, way * (np.arange(times.size) // 2 % 2))
-    return stage.middle + stage.reach * path, stage.still()
+    return stage.middle + stage.reach * path
 
 
 def _force_steps(stage: Stage, scale: float) -> Motion:
-    speed = 0.3 * stage.limits.speed * scale
     # Alternating steps of lengths without a common period.
-    lengths = np.tile([0.05, 0.11, 0.07, 0.17, 0.09], 40)
-    edges = np.cumsum(lengths)
+    edges = np.cumsum(np.tile([0.05, 0.11, 0.07, 0.17, 0.09], 40))
     sign = 1.0 - 2.0 * (np.searchsorted(edges, stage.t, side="right") % 2)
-    size = 0.4 * scale * stage.spare
+    speed, size = 0.3 * stage.limits.speed * scale, 0.4 * scale * stage.spare
     return _zigzag(stage, speed, stage.reach), np.asarray(size * sign)
 
 
@@ -184,30 +167,25 @@ def _small_forces(stage: Stage, scale: float) -> Motion:
 
 
 def _sine_sweep(stage: Stage, scale: float) -> Motion:
-    part = stage.t / stage.duration
-    low, high = 4.0 / stage.duration, 64.0 / stage.duration
-    ratio = np.log(high / low)
-    omega = 2.0 * np.pi * low * np.exp(ratio * part)
-    phase = 2.0 * np.pi * low * stage.duration * np.expm1(ratio * part) / ratio
+    # From 4 to 64 periods in the duration.
+    part, ratio, low = stage.t / stage.duration, np.log(16.0), 8.0 * np.pi / stage.duration
+    omega = low * np.exp(ratio * part)
+    phase = low * stage.duration * np.expm1(ratio * part) / ratio
     size = np.minimum(stage.reach, 0.8 * stage.limits.speed / omega)
     size = np.minimum(size, 0.5 * stage.spare / stage.axis.mass / omega**2)
-    return stage.middle + scale * size * np.sin(phase), stage.still()
+    return stage.middle + scale * size * np.sin(phase)
 
 
 def _coasting(stage: Stage, scale: float) -> Motion:
     m, level = stage.axis.mass, max(stage.level, 1e-3 * stage.limits.drive)
-    push = level + 0.5 * stage.spare
-    speed = 0.7 * scale * stage.limits.speed
-    speed = min(speed, 0.6 * scale * float(np.sqrt(2.0 * level * stage.reach / m)))
-    part = stage.duration / 8.0
+    far = 0.6 * scale * float(np.sqrt(2.0 * level * stage.reach / m))
+    speed, part = min(0.7 * scale * stage.limits.speed, far), stage.duration / 8.0
     time = min(m * speed / (0.5 * stage.spare), 0.5 * part)
-    now = np.mod(stage.t, part)
     sign = 1.0 - 2.0 * (np.floor(stage.t / part) % 2)
-    force = np.where(now < time, sign * push, 0.0)
-    force = np.clip(force, -0.9 * stage.limits.drive, 0.9 * stage.limits.drive)
-    dt = float(stage.t[1])
+    push = min(level + 0.5 * stage.spare, 0.9 * stage.limits.drive)
+    force = np.where(np.mod(stage.t, part) < time, sign * push, 0.0)
     # The loop limits the deviation of hypotheses that move differently.
-    return stage.axis.simulate(force, dt, x0=stage.middle).y[0].copy(), force
+    return stage.axis.simulate(force, float(stage.t[1]), x0=stage.middle).y[0].copy(), force
 
 
 class KnownForce(BiasForce):
@@ -233,9 +211,18 @@ class Excitation:
     name: str
     title: str
     description: str  # instructions; {mass} and {force} are replaced by what is added
-    motion: Callable[[Stage, float], Motion]  # reference and feed-forward force at a size
+    motion: Callable[[Stage, float], Motion]  # at a size
     # The axis with a known change of the bench, such as a mass clamped on.
     change: Callable[[Stage, FrictionAxis], FrictionAxis] | None = None
+
+    def at(self, stage: Stage, size: float) -> tuple[Floats, Floats]:
+        """Reference and feed-forward force at a size."""
+        found = self.motion(stage, size)
+        return found if isinstance(found, tuple) else (found, np.zeros(found.size))
+
+    def changed(self, stage: Stage, axis: FrictionAxis) -> FrictionAxis:
+        """The axis on the bench."""
+        return axis if self.change is None else self.change(stage, axis)
 
     def words(self, stage: Stage) -> str:
         """The description with the numbers of a stage."""

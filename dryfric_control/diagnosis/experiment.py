@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -11,14 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import file_path, instance
+from dryfric_control.checks import instance
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.simulated_trial import Refit, Staged, mean_squares, staged
 from dryfric_control.drawing import DASHES, legend_above, panels
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of, titles_of
 from dryfric_control.records.record import Record
-from dryfric_control.store.files import replacing
+from dryfric_control.store.files import file_path, replacing
 from dryfric_control.text import Result, documented, fields_of, rotary_words, stated
 from dryfric_control.ties import above, ranked
 from dryfric_control.units import check_units
@@ -31,8 +32,11 @@ _SEPARATE = 0.1
 _SEEN = 1.0
 
 
+_none = functools.partial(np.empty, 0)
+
+
 @documented
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Experiment(Result):
     """The experiment that best separates equally good causes.
 
@@ -63,10 +67,12 @@ class Experiment(Result):
     )
     title: str = stated("Title of the excitation.")
     description: str = stated("Instructions for the bench.")
-    t: Floats = stated("Time [s]; empty for a change of the bench.")
-    reference: Floats = stated("Position reference [m] for the position loop.")
-    force: Floats | None = stated("Force added to the loop's drive [N], if any.")
-    separates: tuple[str, ...] = stated("Alternatives that it separates from the named cause.")
+    t: Floats = stated("Time [s]; empty for a change of the bench.", default_factory=_none)
+    reference: Floats = stated(
+        "Position reference [m] for the position loop.", default_factory=_none
+    )
+    force: Floats | None = stated("Force added to the loop's drive [N], if any.", None)
+    separates: tuple[str, ...] = stated("Alternatives that it separates from the named cause.", ())
     score: dict[str, float] = stated(
         "For every alternative: remaining windowed error between it and the named cause after the "
         "best refit, RMS in encoder quanta; 0 if they are not separated."
@@ -76,8 +82,12 @@ class Experiment(Result):
         "over the alternatives."
     )
     cause: str = stated("The named cause.")
-    positions: dict[str, Floats] = stated("Position [m] that each hypothesis predicts.")
-    drives: dict[str, Floats] = stated("Drive force [N] that each hypothesis predicts.")
+    positions: dict[str, Floats] = stated(
+        "Position [m] that each hypothesis predicts.", default_factory=dict
+    )
+    drives: dict[str, Floats] = stated(
+        "Drive force [N] that each hypothesis predicts.", default_factory=dict
+    )
     units: tuple[str, str] = stated("Units of position and force.")
 
     def _shown(self) -> list[str]:
@@ -87,10 +97,8 @@ class Experiment(Result):
         """Instructions and what they separate, in a sentence or two."""
         text = f"{self.title}: {self.description}"
         if self.separates:
-            shown = ", ".join(
-                f"{titles_of(slug)} (they differ by {self.score[slug]:.3g} encoder quanta RMS)"
-                for slug in self.separates
-            )
+            far = "{} (they differ by {:.3g} encoder quanta RMS)".format
+            shown = ", ".join(far(titles_of(slug), self.score[slug]) for slug in self.separates)
             text += f" It separates {titles_of(self.cause)} from {shown}."
         left = [slug for slug in self.score if slug not in self.separates]
         if left and self.separates:
@@ -121,14 +129,12 @@ class Experiment(Result):
                 "this experiment is a change of the bench and has no reference to write: "
                 "read its description"
             )
-        columns = {"t": self.t, "reference": self.reference}
+        columns, head = [self.t, self.reference], "t,reference"
         if self.force is not None:
-            columns["force"] = self.force
+            columns, head = [*columns, self.force], f"{head},force"
+        table = np.column_stack(columns)
         with replacing(path) as part:
-            np.savetxt(
-                part, np.column_stack(list(columns.values())), fmt="%.9g", delimiter=",",
-                header=",".join(columns), comments="",
-            )  # fmt: skip
+            np.savetxt(part, table, fmt="%.9g", delimiter=",", header=head, comments="")
 
     @panels(2)
     def plot(self, axes: Any) -> str:
@@ -137,10 +143,9 @@ class Experiment(Result):
         if not self.t.size:
             for one in axes:
                 one.set_axis_off()
-            axes[0].text(
-                0.0, 0.9, textwrap.fill(self.description, 90), transform=axes[0].transAxes,
-                va="top", fontsize="small",
-            )  # fmt: skip
+            words = textwrap.fill(self.description, 90)
+            place = axes[0].transAxes
+            axes[0].text(0.0, 0.9, words, transform=place, va="top", fontsize="small")
             return self.title
         axes[0].plot(self.t, self.reference, color="0.6", linewidth=1.5, label="reference")
         for i, name in enumerate(self.positions):
@@ -197,21 +202,17 @@ def next_experiment(
 
     Notes
     -----
-    Each excitation of a small set is simulated in a position loop, read through the
-    record's encoder, with every hypothesis in turn as the truth, and reduced in
-    size until all of them keep the limits.  The other hypothesis is then simulated
-    freely over windows of it from the true states, after a refit of its parameters
-    that must keep its prediction of the known record.  The distance of the two is the
-    mean of log(1 + (error/quantum)^2) without the largest window, the smaller of
-    both directions.  A straight line in time is removed from the error of every
-    window first, as another start state could explain it.
+    Each excitation of a small set is simulated in a position loop, read through the record's
+    encoder, with every hypothesis in turn as the truth, and reduced in size until all of them
+    keep the limits.  The other hypothesis is then simulated freely over windows of it from the
+    true states, after a refit of its parameters that must keep its prediction of the known
+    record.  The distance of the two is the mean of log(1 + (error/quantum)^2) without the largest
+    window, the smaller of both directions.  A straight line in time is removed from the error of
+    every window first, as another start state could explain it.
 
-    Experiments that need a known mass or force are tried only if no other separates
-    the causes.  If these do not either, the causes are equivalent on this bench, and
-    the answer is in words.
-
-    The answer assumes that one of the hypotheses is true; otherwise the experiment
-    may show something else.
+    Experiments that need a known mass or force are tried only if no other separates the causes.
+    If these do not either, the causes are equivalent on this bench, and the answer is in words.
+    It assumes that one of the hypotheses is true.
 
     Examples
     --------
@@ -219,14 +220,13 @@ def next_experiment(
 
     >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.diagnosis.experiment import next_experiment
     >>> base = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-0.2, 0.2))
     >>> bias = base.replace(effects=(dfc.effects.BiasForce(force=2.0),))
     >>> spring = base.replace(effects=(dfc.effects.Spring(stiffness=10.0, rest=0.2),))
     >>> t = 1e-3 * np.arange(4000)
     >>> u = 20.0 * np.sin(2 * np.pi * 2.0 * t)
     >>> x = 1e-6 * np.round(1e6 * bias.simulate(u, dt=1e-3, x0=-0.05).y[0])
-    >>> found = next_experiment(bias, [spring], dfc.Record(t, u, x))
+    >>> found = dfc.next_experiment(bias, [spring], dfc.Record(t, u, x))
     >>> found.separates, found.score["spring"] > 10.0
     (('spring',), True)
     """
@@ -250,8 +250,8 @@ def next_experiment(
         score=score,
         tried=tried,
         cause=names[0],
-        positions={n: trial.x for n, trial in zip(names, chosen.trials, strict=True)},
-        drives={n: trial.u for n, trial in zip(names, chosen.trials, strict=True)},
+        positions=dict(zip(names, (trial.x for trial in chosen.trials), strict=True)),
+        drives=dict(zip(names, (trial.u for trial in chosen.trials), strict=True)),
         units=axis.units,
     )
 
@@ -277,7 +277,7 @@ def _search(
         for k in ranked(-np.array(upper)):
             if not above(upper[k], best):
                 break
-            pairs = _after_refit(stages[k], stage, refits, raw[k], quantum)
+            pairs = _after_refit(stages[k], refits, raw[k], quantum)
             if above(_worth(pairs), best):
                 best, chosen, left = _worth(pairs), stages[k], pairs
         if left and all(pair.separate for pair in left):
@@ -311,20 +311,20 @@ def _worth(pairs: Sequence[Distance]) -> float:
 def _apart(one: Staged, rival: int, quantum: float) -> Distance:
     """Distance of a rival from the named cause without refit, smaller of both directions."""
     return min(
-        Distance.of(mean_squares(one.trials[truth].runs.errors(one.axes[other])), quantum)
+        Distance.of(mean_squares(one.trials[truth].errors(one.axes[other])), quantum)
         for truth, other in ((0, rival), (rival, 0))
     )
 
 
 def _after_refit(
-    one: Staged, stage: Stage, refits: Sequence[Refit], raw: Sequence[Distance], quantum: float
+    one: Staged, refits: Sequence[Refit], raw: Sequence[Distance], quantum: float
 ) -> list[Distance]:
     """Distance of every rival from the named cause, with the other hypothesis refitted."""
     found = []
     for rival, worst in enumerate(raw, start=1):
         for truth, other in ((0, rival), (rival, 0)):
             if worst.part > _SEPARATE:
-                squares = refits[other].best(one, stage, one.trials[truth])
+                squares = refits[other].best(one, one.trials[truth])
                 worst = min(worst, Distance.of(squares, quantum))
         found.append(worst)
     return found
@@ -349,15 +349,9 @@ def _change_of_bench(
         title="a change of the bench",
         description=f"{why} Turn or tilt the axis, or swap its drive, repeat the record, and see "
         f"what stays with the axis. {' '.join(own)}",
-        t=np.empty(0),
-        reference=np.empty(0),
-        force=None,
-        separates=(),
         score=dict.fromkeys(names[1:], 0.0),
         tried=tried,
         cause=names[0],
-        positions={},
-        drives={},
         units=units,
     )
 
@@ -394,11 +388,11 @@ def _named(
                 f"got {list(names)!r}"
             )
         return list(names)
-    contents = [list(one.named_effects()) for one in (axis, *rivals)]
-    common = set.intersection(*(set(c) for c in contents))
-    found = []
+    contents = [one.named_effects() for one in (axis, *rivals)]
+    common = set.intersection(*map(set, contents))
+    found: list[str] = []
     for i, content in enumerate(contents):
-        own = [slug for slug in content if slug not in common]
-        name = "+".join(own) or ("cause" if i == 0 else f"rival {i}")
+        own = "+".join(slug for slug in content if slug not in common)
+        name = own or ("cause" if i == 0 else f"rival {i}")
         found.append(name if name not in found else f"{name} ({i})")
     return found

@@ -7,23 +7,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.diagnosis import thresholds
 from dryfric_control.diagnosis.problem import BIAS, Problem, each_of, noises_of
 from dryfric_control.diagnosis.search import Model, Search, evidence
-from dryfric_control.diagnosis.thresholds import (
-    BEHIND,
-    CLEAR,
-    CLEAR_OF,
-    EARLIER,
-    FOLLOWS,
-    HEARD,
-    LEAST,
-    SLACK,
-    SOONEST,
-    WHITE,
-    WIDTHS,
-)  # fmt: skip
 from dryfric_control.estimation.force_view import ForceRun, ForceView, prepare_force
 from dryfric_control.estimation.input_noise import without_noise
 from dryfric_control.estimation.likelihood import Run
@@ -32,24 +19,21 @@ from dryfric_control.estimation.scoring import SOME, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.records.motion import ONE_VELOCITY, usual_speeds
 
-FloatArray = NDArray[np.float64]
-
 
 def quieter(problem: Problem, recorded: Sequence[Run], fit: Solution, most: bool) -> Problem:
-    """The problem with as little, or as much, noise taken off its inputs as is likely.
+    """The problem with as little, or as much (`most`), noise taken off its inputs as is likely.
 
     Measurement noise of the input does not act on the axis.  Left in, it would count as random
     force, and a lag that filters it would seem to be a cause.
-    `most`: whether the smoothest or the least smooth of equally likely inputs is taken.
     """
     found = {0.0: tuple(recorded)}
     force = max(fit.random_force(i) for i in range(len(recorded)))
-    for width in WIDTHS[1:]:
+    for width in thresholds.WIDTHS[1:]:
         runs = tuple(replace(r, u=without_noise(r.u, width)) for r in recorded)
         off = [a.u - b.u for a, b in zip(recorded, runs, strict=True)]
-        white = all(e[1:] @ e[:-1] <= WHITE * (e @ e) for e in off)
+        white = all(e[1:] @ e[:-1] <= thresholds.WHITE * (e @ e) for e in off)
         # Noise far below the random force makes no difference.
-        if white and any(np.std(e) > HEARD * force for e in off):
+        if white and any(np.std(e) > thresholds.HEARD * force for e in off):
             found[width] = runs
     if problem.imposed or len(found) == 1:
         same = problem.imposed or problem.runs == tuple(recorded)
@@ -61,7 +45,7 @@ def quieter(problem: Problem, recorded: Sequence[Run], fit: Solution, most: bool
         return one.reference(fit.axis, noises=noises_of(fit)).cost
 
     costs = dict(zip(found, problem.parallel(cost, found.values()), strict=True))
-    enough = min(costs.values()) + SLACK
+    enough = min(costs.values()) + thresholds.SLACK
     widths = [width for width, cost in costs.items() if cost < enough]
     runs = found[max(widths) if most else min(widths)]
     return problem if runs == problem.runs else replace(problem, runs=runs)
@@ -86,7 +70,7 @@ def led(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
         return None
     free, dt = problem.free_of(fit), problem.scales.step
     costs = {}
-    for samples in EARLIER:
+    for samples in thresholds.EARLIER:
         one = replace(problem, shift=-samples * dt)
         likelihood = one.likelihood(fit.axis, free, each=each_of(fit))
         costs[samples] = likelihood.tried(likelihood.start(noises=noises_of(fit))).cost
@@ -94,19 +78,16 @@ def led(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
     led = replace(problem, shift=-min(costs, key=costs.__getitem__) * dt)
     found = led.fit(fit.axis, free, noises_of(fit), SOME, each=each_of(fit))
     shift = found.values()[SHIFT]
-    sure = shift < -max(CLEAR * found.standard_errors()[SHIFT], SOONEST * dt)
+    sure = shift < -max(thresholds.CLEAR * found.standard_errors()[SHIFT], thresholds.SOONEST * dt)
     if sure and evidence(fit, found) > 0.0:
         return replace(led, shift=shift), found
     return None
 
 
 def imposed(problem: Problem, begun: Solution) -> tuple[Problem, Solution] | None:
-    """The problem in the view of the force, where a straight line beats every model.
-
-    None where the drive moves the axis, or does not follow the force that the motion requires.
-    """
+    """The problem in the view of the force, where a straight line beats every model."""
     line, samples = problem.straight_line.cost, problem.samples
-    if begun.cost <= line + BEHIND * samples:
+    if begun.cost <= line + thresholds.BEHIND * samples:
         return None
     runs = tuple(prepare_force(r.record, problem.hold) for r in problem.runs)
     force = replace(problem, runs=runs, view=ForceView)
@@ -128,7 +109,7 @@ def imposed(problem: Problem, begun: Solution) -> tuple[Problem, Solution] | Non
         moved = problem.fit(best.axis, problem.free_of(best), turns=SOME)
     except ValueError:
         return force, fit
-    return None if moved.cost <= line - CLEAR_OF * samples else (force, fit)
+    return None if moved.cost <= line - thresholds.CLEAR_OF * samples else (force, fit)
 
 
 def _apart(problem: Problem, now: Solution) -> tuple[Problem, Solution]:
@@ -141,17 +122,14 @@ def _apart(problem: Problem, now: Solution) -> tuple[Problem, Solution]:
         # A cause that is still missing correlates what is left, whatever differs between records.
         fall = now.held_out() - fit.held_out()
         penalty = 0.5 * math.log(one.samples) * len(names) * len(one.runs)
-        if float(fall[np.isfinite(fall)].sum()) > LEAST + penalty:
+        if float(fall[np.isfinite(fall)].sum()) > thresholds.LEAST + penalty:
             return one, fit
     return problem, now
 
 
 def _one_velocity(problem: Problem) -> bool:
-    """Whether each direction has nearly one velocity, in each record that has its own level.
-
-    Then only the samples next to the turns separate what depends on velocity from the
-    level, and there the motion changes in other ways, too.
-    """
+    """Whether each direction has nearly one velocity, in each record that has its own level."""
+    # Then only the samples next to the turns separate what depends on velocity from the level.
     motions = [run.sliding.v for run in problem.runs if isinstance(run, ForceRun)]
     if "coulomb" not in problem.own:
         motions = [np.concatenate(motions)]
@@ -162,4 +140,4 @@ def _one_velocity(problem: Problem) -> bool:
 def _follows(fit: Solution) -> bool:
     """Whether the drive, but for its mean, matches the required force of each record."""
     drives = [float(np.std(run.u)) or run.drive for run in fit.problem.runs]
-    return max(fit.random_force(i) / drive for i, drive in enumerate(drives)) < FOLLOWS
+    return max(fit.random_force(i) / drive for i, drive in enumerate(drives)) < thresholds.FOLLOWS

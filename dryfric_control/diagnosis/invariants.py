@@ -7,8 +7,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.candidates import amounts, placed
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.thresholds import LEAST
@@ -16,8 +16,6 @@ from dryfric_control.estimation.force_residual import applied
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
-
-FloatArray = NDArray[np.float64]
 
 # Slope of the log-likelihood with the logarithm of a parameter at a bound that presses it there.
 _PRESSED = 1.0
@@ -42,7 +40,7 @@ def impossible(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -
     return ""
 
 
-def _drive(axis: FrictionAxis, name: str, u: FloatArray) -> FloatArray:
+def _drive(axis: FrictionAxis, name: str, u: Floats) -> Floats:
     """The drive as it comes to an effect: after those before it."""
     before = itertools.takewhile(lambda item: item[0] != name, named(axis).items())
     axis = axis.replace(effects=tuple(e for _, e in before if e in axis.effects))
@@ -56,14 +54,10 @@ def unsound(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -> s
         return reason
     if any(full in fit.at_bound and _pressed(fit, full) for full in own):
         return "ended at a bound"
-    rows = [
-        (_loss(fit, full, neutral) > LEAST, optional)
-        for full, neutral, optional in amounts(name, own)
-    ]
-    needed = all(there for there, optional in rows if not optional)
-    if not (needed or any(there for there, optional in rows if optional)):
-        return "not determined"
-    return ""
+    there: dict[bool, list[bool]] = {False: [], True: []}
+    for full, neutral, optional in amounts(name, own):
+        there[optional].append(_loss(fit, full, neutral) > LEAST)
+    return "" if all(there[False]) or any(there[True]) else "not determined"
 
 
 def _pressed(fit: Solution, name: str) -> bool:
@@ -74,10 +68,8 @@ def _pressed(fit: Solution, name: str) -> bool:
 
 
 def _loss(fit: Solution, name: str, neutral: float) -> float:
-    """Log-likelihood that is lost without an amount, the other parameters as they are.
-
-    Standard errors do not tell: where an effect acts at single events, differences have no slope.
-    """
+    """Log-likelihood that is lost without an amount, the other parameters as they are."""
+    # Standard errors do not show it: where it acts at single events, differences have no slope.
     z, problem = fit.z.copy(), fit.problem
     for j, p in enumerate(problem.parameters):
         if p.name == name:
@@ -86,26 +78,13 @@ def _loss(fit: Solution, name: str, neutral: float) -> float:
 
 
 def in_free_runs(problem: Problem, less: Solution, more: Solution) -> tuple[float, float]:
-    """Fall of the mean score of unseen free runs that a cause brings, and its standard error.
-
-    Each window is predicted with parameters fitted without its half of the record; infinite
-    where no free runs are judged.
-    """
+    """Fall of the mean score of unseen free runs that a cause brings, and its standard error."""
     falls = []
     for i, w in enumerate(problem.windows):
         moving = w.moving
-        if problem.imposed or not moving.any():
-            continue
-        scores = []
-        for fit in (less, more):
-            axes, half = fit.unseen(i)
-            half = half[w.edges[:-1]]
-            found = np.zeros(len(w))
-            for k, axis in enumerate(axes):
-                mine = moving & (half == k)
-                found[mine] = w.scores(w.evaluate(axis, mine).costs)[mine]
-            scores.append(found[moving])
-        falls.append(scores[0] - scores[1])
+        if not problem.imposed and moving.any():
+            costs = [w.unseen(*fit.unseen(i), moving).costs[moving] for fit in (less, more)]
+            falls.append(-np.diff([w.scores(one) for one in costs], axis=0)[0])
     fall = np.concatenate(falls) if falls else np.zeros(0)
     fall = fall[np.isfinite(fall)]
     if not fall.size:

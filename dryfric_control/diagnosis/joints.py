@@ -12,14 +12,13 @@ from typing import Any
 from dryfric_control.checks import instance, positive
 from dryfric_control.diagnosis.diagnose import diagnose, run_cases
 from dryfric_control.diagnosis.report.diagnosis import SAVED, Diagnosis
-from dryfric_control.estimation.parameters import SHIFT, checked_knowledge, values_of
+from dryfric_control.estimation.likelihood import BASE
+from dryfric_control.estimation.parameters import SHIFT, checked_knowledge, declared, values_of
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.store.batch import fingerprint
 from dryfric_control.store.saved import from_plain, to_plain
 from dryfric_control.text import Result, documented, length_text, stated
-
-_BASE = ("mass", "viscous", "coulomb")
 
 
 @documented
@@ -71,32 +70,26 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
             raise ValueError(f"joint {joint!r} is not there: it has {', '.join(self.diagnoses)}")
         d = self.diagnoses[joint]
         errors: dict[str, float | None] = {n: e for n, e in d.standard_errors.items() if n != SHIFT}
-        names = [*dict.fromkeys((*(n for n in _BASE if n not in errors), *errors))]
+        names = [*(n for n in BASE if n not in errors), *errors]
         axis, own = d.extended, d.extended.named_effects()
         found = {}
         for name, value in zip(names, values_of(axis, names), strict=True):
             effect, _, part = name.partition(".")
-            unit = own[effect].units(axis.units)[part] if part else axis.unit(_UNITS.get(name, "N"))
+            unit = own[effect].units(axis.units)[part] if part else axis.unit(declared(name))
             found[name] = (float(value), errors.get(name), unit)
-        return dict(sorted(found.items(), key=lambda one: one[0] not in _BASE))
+        return dict(sorted(found.items(), key=lambda one: one[0] not in BASE))
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         rows: list[tuple[str, ...]] = [
-            ("joint", "verdict", "causes", "free runs", *_BASE, "further parameters")
+            ("joint", "verdict", "causes", "free runs", *BASE, "further parameters")
         ]
         for joint, d in self.diagnoses.items():
-            found = self.parameters(joint)
-            further = [
-                f"{n} {_number(*one)}".rstrip() for n, one in found.items() if n not in _BASE
-            ]
-            runs = (length_text(one, d.gain.unit) for one in (d.gain.before, d.gain.after))
-            rows.append(
-                (
-                    joint, d.verdict, ", ".join(cause.effect for cause in d.causes) or "none",
-                    " -> ".join(runs), *(_number(*found[n]) for n in _BASE),
-                    ", ".join(further) or "none",
-                )
-            )  # fmt: skip
+            numbers = {n: _number(*one) for n, one in self.parameters(joint).items()}
+            further = [f"{n} {one}".rstrip() for n, one in numbers.items() if n not in BASE]
+            runs = " -> ".join(length_text(v, d.gain.unit) for v in (d.gain.before, d.gain.after))
+            causes = ", ".join(cause.effect for cause in d.causes)
+            base, rest = (numbers[n] for n in BASE), ", ".join(further)
+            rows.append((joint, d.verdict, causes or "none", runs, *base, rest or "none"))
         yield rows
         for joint, d in self.diagnoses.items():
             yield from (f"{joint}: {message}" for message in d.messages)
@@ -104,9 +97,6 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
     def to_dict(self) -> dict[str, Any]:
         """`Diagnosis.to_dict` of each joint."""
         return {joint: d.to_dict() for joint, d in self.diagnoses.items()}
-
-
-_UNITS = {"mass": "kg", "viscous": "N s/m", "stick_speed": "m/s", "stick_rate": "1/s"}
 
 
 def _number(value: float, error: float | None, unit: str) -> str:
@@ -134,10 +124,8 @@ def diagnose_joints(
     ----------
     joints : mapping of str to tuple
         Nominal axis and record, or records, of each joint by its name.
-    known, tolerance, window, hold
+    known, tolerance, window, hold, time_limit
         As for `diagnose`, the same for every joint.
-    time_limit : float, optional
-        Wall time for each joint [s], see `diagnose`.
     store : path-like, optional
         File that keeps each finished joint, see `run_batch`.
     jobs : int, optional
@@ -154,13 +142,13 @@ def diagnose_joints(
     Raises
     ------
     ValueError
-        If an argument is out of its range, a joint cannot be diagnosed (named in a note),
-        or the store is of other settings.
+        If an argument is out of range, a joint (named in a note) cannot be diagnosed, or the store
+        is of other settings.
 
     Notes
     -----
-    Each joint is an axis of its own: forces between the joints that the records do not
-    contain are a random force to it.  A joint whose axis or records change is diagnosed again.
+    Forces between the joints that the records do not contain are a random force to each.  A joint
+    whose axis or records change is diagnosed again.
 
     Examples
     --------
@@ -203,8 +191,9 @@ def diagnose_joints(
             raise ValueError(f"joints[{name!r}][1] is an empty list: give at least one record")
         cases[name] = axis, tuple(several)
     options = {"known": list(known), "tolerance": dict(tolerance), "time_limit": time_limit}
+    task = functools.partial(_found, options | {"window": window, "hold": hold})
     found = run_cases(
-        functools.partial(_found, options | {"window": window, "hold": hold}),
+        task,
         "joints",
         cases,
         window=window,
@@ -220,8 +209,6 @@ def diagnose_joints(
 
 def _found(options: dict[str, Any], case: tuple[FrictionAxis, tuple[Record, ...]]) -> Any:
     axis, records = case
+    record = records[0] if len(records) == 1 else records
     # Joints already run in parallel.
-    made = diagnose(
-        axis, records[0] if len(records) == 1 else records, jobs=1, progress=False, **options
-    )
-    return to_plain(made, SAVED)
+    return to_plain(diagnose(axis, record, jobs=1, progress=False, **options), SAVED)

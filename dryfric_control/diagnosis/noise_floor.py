@@ -7,17 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Bools, Floats
 from dryfric_control.diagnosis.thresholds import EXCESS, STRAY
 from dryfric_control.estimation.input_noise import before_rounding
 from dryfric_control.estimation.windows import Evaluation, Windows
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.records.resolution import QUANTA
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 # A window is an outlier if its score exceeds the worst of its replays by this much: errors
 # about 1.7 times as large as any that noise caused.
@@ -32,46 +29,38 @@ _LOST = 5.0
 
 @dataclass(frozen=True, eq=False)
 class Floor:
-    """Scores of a model on replays of itself, for comparison with those on the record.
+    """Scores of a model on replays of itself, shape (nreplays, nwindows), and mean square errors.
 
-    Attributes
-    ----------
-    scores : ndarray, shape (nreplays, nwindows)
-        Score of every window in every replay; 0 in windows not evaluated.
-    squares : ndarray, shape (nreplays, nwindows)
-        Mean square error of every window.
+    Scores are 0 in windows that were not evaluated.
     """
 
-    scores: FloatArray
-    squares: FloatArray
+    scores: Floats
+    squares: Floats
 
     @property
-    def expected(self) -> FloatArray:
+    def expected(self) -> Floats:
         """Mean score of each window, shape (nwindows,)."""
         return np.asarray(self.scores.mean(axis=0))
 
     @property
-    def worst(self) -> FloatArray:
+    def worst(self) -> Floats:
         """Largest score of each window, shape (nwindows,)."""
         return np.asarray(self.scores.max(axis=0))
 
-    def outliers(self, scores: FloatArray, active: BoolArray) -> BoolArray:
+    def outliers(self, scores: Floats, active: Bools) -> Bools:
         """Windows whose score clearly exceeds that of every replay."""
         return np.asarray(active & (scores > self.worst + _BEYOND))
 
-    def reached(self, scores: FloatArray, active: BoolArray) -> bool:
-        """Whether the scores of a record are consistent with noise alone.
-
-        Tests the tail (some windows may be outliers, as a breakaway may lie at the edge of a
-        sample) and the mean of the other windows.
-        """
+    def reached(self, scores: Floats, active: Bools) -> bool:
+        """Whether scores of a record are consistent with noise, in their tail and their mean."""
+        # Some windows may be outliers, as a breakaway may lie at the edge of a sample.
         out = self.outliers(scores, active)
         if out.sum() > max(2, STRAY * active.sum()):
             return False
         excess, spread = self.excess(scores, active & ~out)
         return bool(excess < max(EXCESS, 4.0 * spread))
 
-    def excess(self, scores: FloatArray, active: BoolArray) -> tuple[float, float]:
+    def excess(self, scores: Floats, active: Bools) -> tuple[float, float]:
         """Mean score above the replays' mean, and its standard error."""
         above = (scores - self.expected)[active]
         if above.size < 2:
@@ -80,12 +69,9 @@ class Floor:
         return float(above.mean()), max(spread, float(np.std(self.scores[:, active].mean(axis=1))))
 
 
-def usual_rms(squares: Sequence[FloatArray]) -> float:
-    """RMS error of a whole replay, the median over all replays.
-
-    In some replays a breakaway comes much later, which would dominate a mean.
-    `squares`: mean square errors of each record, each shape (nreplays, nwindows).
-    """
+def usual_rms(squares: Sequence[Floats]) -> float:
+    """Median RMS error of whole replays, from mean squares of each record (nreplays, nwindows)."""
+    # In some replays a breakaway comes much later, which would dominate a mean.
     count = min(one.shape[0] for one in squares)
     if not count:
         return 0.0
@@ -93,12 +79,10 @@ def usual_rms(squares: Sequence[FloatArray]) -> float:
     return float(np.sqrt(np.median(whole.mean(axis=1))))
 
 
-def far_above(found: Sequence[FloatArray], squares: Sequence[FloatArray]) -> bool:
-    """Whether errors are orders of magnitude above those of replays.
+def far_above(found: Sequence[Floats], squares: Sequence[Floats]) -> bool:
+    """Whether mean square errors of each record are far above those of replays.
 
-    A few windows may err beyond all their replays, but not such that the RMS error is
-    several times the usual one.  `found`: mean square errors of each record, each shape
-    (nwindows,); `squares`: those of replays, as in `usual_rms`.
+    A few windows may err beyond all of them, but not several times the usual RMS error.
     """
     beyond = math.exp(_BEYOND)
     above = [
@@ -109,25 +93,22 @@ def far_above(found: Sequence[FloatArray], squares: Sequence[FloatArray]) -> boo
 
 
 def noise_floor(
-    bench: Windows,
+    w: Windows,
     model: FrictionAxis,
     truths: list[FrictionAxis],
     at: Evaluation,
-    active: BoolArray,
+    active: Bools,
     seed: int = 0,
     force: float = 0.0,
 ) -> Floor:
     """Replay axes through the record's own encoder and score the model on the replays.
 
-    `truths` are simulated: the model within the uncertainty of its parameters.  `at` holds
-    the start states of the model on the record.  `force`: standard deviation of a random
-    force that acts in the replays, held over each sample.  An input that was recorded in
-    steps acted in between them.
-    Replays that diverge are left out; all zeros if all do.
+    `truths`: the model within the uncertainty of its parameters; `at`: its start states on the
+    record; `force`: random force that acts in the replays.  Those that diverge are left out.
     """
     rng = np.random.default_rng(seed)
-    w, record, thorough = bench, bench.record, force == 0.0
-    step = record.input_quantum
+    record, thorough = w.record, force == 0.0
+    step = record.input_quantum  # an input that was recorded in steps acted in between them
     # A random force far below the rounding tells that the drive acts in these steps.
     if 0.0 < force < _ACTS * step / QUANTA:
         step = 0.0
@@ -148,14 +129,10 @@ def noise_floor(
             continue
         readings = record.read(x, rng)
         errors = rng.standard_normal((2, len(w)))
-        made = replace(
-            w,
-            record=readings,
-            x0=w.x0 + begun[0] + errors[0] * w.x0_error,
-            v0=w.v0 + begun[1] + errors[1] * w.v0_error,
-        )
+        x0, v0 = w.x0 + begun[0] + errors[0] * w.x0_error, w.v0 + begun[1] + errors[1] * w.v0_error
+        made = replace(w, record=readings, x0=x0, v0=v0)
         found = made.evaluate(model, active, thorough=thorough)
-        scores.append(bench.scores(found.costs))
+        scores.append(w.scores(found.costs))
         squares.append(made.mean_squares(found.errors))
     none = np.zeros((1, len(w)))
     return Floor(np.array(scores or none), np.array(squares or none))

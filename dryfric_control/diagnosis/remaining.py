@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import welch
 
+from dryfric_control.estimation.random_force import integrated, products
 from dryfric_control.estimation.solution import Solution
-from dryfric_control.text import Result, rotary_words
-
-FloatArray = NDArray[np.float64]
+from dryfric_control.text import Result, documented, rotary_words, stated
 
 # Segment length of the spectrum [samples], and number of values that are kept.
 _SECTION, _KEPT = 1024, 40
@@ -20,26 +19,10 @@ _SECTION, _KEPT = 1024, 40
 _LAGS = 200
 
 
+@documented
 @dataclass(frozen=True, repr=False)
 class Remaining(Result):
     """Random force that remains with the causes found in the model.
-
-    Attributes
-    ----------
-    rms : float
-        Its RMS [N], as a force held over each sample; 0 if the errors of free runs do
-        not exceed the noise of the readings.
-    correlation_time : float
-        Correlation time [s]; 0 for white noise and below one sample.
-    structured : bool
-        Whether free runs have larger errors than a white force of this size causes.
-    where : tuple of str
-        Where they have, in words.
-    frequency, spectrum : tuple of float
-        Power spectral density of the force while the axis slides [N^2/Hz] over the
-        frequency [Hz]; empty if `rms` is 0.
-    unit : str
-        Unit of the force.
 
     Examples
     --------
@@ -51,13 +34,18 @@ class Remaining(Result):
     0.24
     """
 
-    rms: float = 0.0
-    correlation_time: float = 0.0
-    structured: bool = False
-    where: tuple[str, ...] = ()
-    frequency: tuple[float, ...] = ()
-    spectrum: tuple[float, ...] = ()
-    unit: str = "N"
+    rms: float = stated(
+        "Its RMS [N], as a force held over each sample; 0 if the errors of free runs do not exceed "
+        "the noise of the readings.", 0.0
+    )  # fmt: skip
+    correlation_time: float = stated("[s]; 0 for white noise and below one sample.", 0.0)
+    structured: bool = stated(
+        "Whether free runs have larger errors than a white force of this size causes.", False
+    )
+    where: tuple[str, ...] = stated("Where they have, in words.", ())
+    frequency: tuple[float, ...] = stated("Of the spectrum [Hz]; empty if `rms` is 0.", ())
+    spectrum: tuple[float, ...] = stated("Power density of the force while sliding [N^2/Hz].", ())
+    unit: str = stated("Unit of the force.", "N")
 
     @property
     def headline(self) -> str:
@@ -86,20 +74,18 @@ def remaining(found: Solution, structured: bool, where: Sequence[str], unit: str
         pushed = np.clip(pushed, -size, size)
         force.append(welch(pushed, 1.0 / run.record.dt, nperseg=min(_SECTION, pushed.size)))
         sizes.append(found.random_force(i))
-        last = min(_LAGS, pushed.size - 1) + 1
-        length = pushed.size + last
-        lags[:last] += np.fft.irfft(np.abs(np.fft.rfft(pushed, length)) ** 2, length)[:last]
+        last = min(_LAGS, pushed.size - 1)
+        lags[: last + 1] += products(pushed, last)
         count += int(sliding.sum())
     frequency, spectrum = force[0]
     edges = np.unique(np.geomspace(1, frequency.size, _KEPT + 1).astype(int))
-    middle = [float(frequency[a:b].mean()) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    power = [float(spectrum[a:b].mean()) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    middle, power = (
+        tuple(float(one[a:b].mean()) for a, b in itertools.pairwise(edges))
+        for one in (frequency, spectrum)
+    )
     time = 0.0
     if lags[0] > 0.0 and count > 10:
-        part = lags / lags[0]
-        small = np.flatnonzero(part[1:] < 2.0 / np.sqrt(count))
-        last = int(small[0]) + 1 if small.size else _LAGS
-        samples = 2.0 * float(part[1:last].sum())
+        samples = integrated(lags[:-1] / lags[0], count)
         time = found.problem.runs[0].record.dt * samples if samples >= 1.0 else 0.0
     rms = float(np.sqrt(np.mean(np.square(sizes))))
-    return Remaining(rms, time, structured, tuple(where), tuple(middle), tuple(power), unit)
+    return Remaining(rms, time, structured, tuple(where), middle, power, unit)

@@ -82,19 +82,21 @@ def mean_squares(errors: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """One excitation, simulated with one hypothesis as the truth."""
+class Trial(Runs):
+    """One excitation, simulated with one hypothesis, from whose states its windows start."""
 
     x: Floats
     v: Floats
     u: Floats  # drive force as commanded
-    runs: Runs  # its windows, each starting from the true state
 
 
 def simulate(
-    axis: FrictionAxis, controller: PositionController, reference: Floats, force: Floats,
+    axis: FrictionAxis,
+    controller: PositionController,
+    reference: Floats,
+    force: Floats,
     quantum: float,
-) -> Trial:  # fmt: skip
+) -> Trial:
     """Simulate an experiment on an axis, and cut it into windows."""
     with warnings.catch_warnings():
         # The caller rejects a trial that exceeds its limits.
@@ -103,15 +105,14 @@ def simulate(
             axis, controller, reference, quantum, x0=float(reference[0]), disturbance=force
         )
     x, v, mode = run.y[0].copy(), run.y[1].copy(), run.y[3]
-    u = run.y[4] + force
-    dt = controller.dt
+    u, dt = run.y[4] + force, controller.dt
     length = max(min(samples(_WINDOW, dt), x.size // 4), min(_FEWEST, x.size // 4))
     count = x.size // length
     starts = length * np.arange(count)
     rest = (dt * (np.arange(x.size) - latest(mode != 0.0, -1) - 1))[starts] * (mode[starts] == 0.0)
     windowed = _windowed(u, dt, length, x[starts], v[starts], rest)
     truth = x[: count * length].reshape(count, length)
-    return Trial(x, v, u, Runs(windowed, np.ones(count, bool), truth))
+    return Trial(windowed, np.ones(count, bool), truth, x, v, u)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +120,7 @@ class Staged:
     """An excitation scaled to the limits, simulated with every hypothesis."""
 
     excitation: Excitation
+    stage: Stage
     reference: Floats
     force: Floats
     axes: tuple[FrictionAxis, ...]  # the hypotheses, with the change of the bench, if any
@@ -129,15 +131,12 @@ def staged(
     excitation: Excitation, stage: Stage, axes: Sequence[FrictionAxis], quantum: float, dt: float
 ) -> Staged | None:
     """An excitation at the largest size that keeps the limits with every hypothesis, if any."""
-    limits = stage.limits
-    low, high = limits.travel
-    changed = axes
-    if excitation.change is not None:
-        changed = [excitation.change(stage, axis) for axis in axes]
+    limits, (low, high) = stage.limits, stage.limits.travel
+    changed = [excitation.changed(stage, axis) for axis in axes]
     bandwidth = min(_PACE / dt, _BRISK)
     gains = PositionController.from_bandwidth(stage.axis, bandwidth, dt, limits.drive)
     for size in _SIZES:
-        reference, force = excitation.motion(stage, size)
+        reference, force = excitation.at(stage, size)
         left = limits.drive - float(np.abs(force).max())
         if left <= 0.0:
             continue
@@ -153,7 +152,7 @@ def staged(
                 break
             trials.append(trial)
         else:
-            return Staged(excitation, reference, force, tuple(changed), tuple(trials))
+            return Staged(excitation, stage, reference, force, tuple(changed), tuple(trials))
     return None
 
 
@@ -171,38 +170,33 @@ class Refit:
         names = [n for n in BASE.values() if values_of(axis, [n])[0] > 0.0]
         names += [n for effect in axis.named_effects() for n in own_names(effect)]
         windows = cut(record, min(_WINDOW, max(record.duration / 8.0, 5.5 * record.dt)))
-        length = int(windows.samples[0])
-        whole = windows.samples >= length
-        count = int(np.argmin(whole)) if not whole.all() else whole.size
+        length, last = int(windows.samples[0]), int(windows.samples[-1])
+        count = len(windows) - (last < length)
         starts = windows.edges[:count]
         reach = np.maximum.reduceat(record.x, starts) - np.minimum.reduceat(record.x, starts)
         moving = np.flatnonzero(above(reach, 4.0 * quantum, NEAR * record.range))
         active = np.zeros(count, bool)
         if moving.size:
             active[moving[np.linspace(0, moving.size - 1, _HOLDING).astype(int)]] = True
-        windowed = _windowed(
-            record.u, record.dt, length, windows.x0[:count], windows.v0[:count],
-            windows.rest[:count],
-        )  # fmt: skip
-        known = Runs(windowed, active, np.empty(0))
+        states = (one[:count] for one in (windows.x0, windows.v0, windows.rest))
+        known = Runs(_windowed(record.u, record.dt, length, *states), active, np.empty(0))
         problem = Likelihood(axis, names, [prepare(record)])
         return cls(problem, replace(known, truth=known.positions(axis)), quantum)
 
-    def best(self, staged: Staged, stage: Stage, trial: Trial) -> Floats:
+    def best(self, staged: Staged, trial: Trial) -> Floats:
         """Mean square errors of a trial's windows after the best refit, shape (nwindows,).
 
         Gauss-Newton on the mean of log(1 + square/scale^2) over the windows of the trial plus the
-        same mean over the known record, where every change of the prediction counts as an error.
-        The scale falls from the first error to the quantum.
+        same over changes in the known record; the scale falls from the first error to the quantum.
         """
-        change, problem = staged.excitation.change, self.problem
+        problem = self.problem
         first = problem.start()[: len(problem.names)]
         reach = np.array([_freedom(p, c) for p, c in zip(problem.parameters, first, strict=True)])
 
         def errors(z: Floats) -> tuple[Floats, ...] | None:
             try:
                 axis = problem.axis_at(z)
-                new = trial.runs.errors(change(stage, axis) if change else axis)
+                new = trial.errors(staged.excitation.changed(staged.stage, axis))
             except ValueError:
                 return None
             return (new, self.known.errors(axis)) if self.known.truth.size else (new,)
@@ -215,7 +209,7 @@ class Refit:
 
         z, e = first, errors(first)
         if e is None:
-            return mean_squares(trial.runs.errors(staged.axes[0]))
+            return mean_squares(trial.errors(staged.axes[0]))
         least, found = loss(e, self.quantum), mean_squares(e[0])
         widest = max(float(np.sqrt(found.mean())), self.quantum)
         for scale in np.repeat(np.geomspace(widest, self.quantum, _NARROWINGS), _EACH).tolist():
@@ -227,10 +221,8 @@ class Refit:
                     if moved is not None:
                         j[i] = (flat(moved) - now) / way[i]
                         break
-            weight = flat([
-                np.repeat(1.0 / (len(part) * (scale**2 + mean_squares(part))), part.shape[1])
-                for part in e
-            ])  # fmt: skip
+            parts = ((len(part) * (scale**2 + mean_squares(part)), part.shape[1]) for part in e)
+            weight = np.concatenate([np.repeat(1.0 / size, n) for size, n in parts])
             normal = (j * weight) @ j.T
             normal += _RIDGE * (np.trace(normal) / z.size + 1e-300) * np.eye(z.size)
             step = -np.linalg.solve(normal, (j * weight) @ now)

@@ -9,44 +9,25 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.evidence import where
-from dryfric_control.diagnosis.noise_floor import Floor, far_above, noise_floor, usual_rms
+from dryfric_control.diagnosis.noise_floor import far_above, noise_floor, usual_rms
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.report.findings import Gain, Unexplained
-from dryfric_control.diagnosis.thresholds import (
-    REPLAYED,
-    REPLAYS,
-    SMOOTH,
-    WORSE,
-)  # fmt: skip
+from dryfric_control.diagnosis.thresholds import REPLAYED, REPLAYS, SMOOTH, WORSE
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.uncertainty import ratio_interval
-from dryfric_control.estimation.windows import Evaluation, Windows, linked
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from dryfric_control.estimation.windows import Windows, linked
 
 
 class Judged(NamedTuple):
-    """What a fit explains and leaves.
+    """What a fit explains and leaves."""
 
-    Attributes
-    ----------
-    gain : Gain
-        Errors on data that the parameters were not fitted to.
-    left : Unexplained
-    worse : bool
-        Whether the errors exceed those of the nominal axis.
-    muted : bool
-        Whether the random force is too large, beside the friction, for anything to be explained.
-    """
-
-    gain: Gain
+    gain: Gain  # errors on data that the parameters were not fitted to
     left: Unexplained
-    worse: bool
-    muted: bool
+    worse: bool  # whether the errors exceed those of the nominal axis
+    muted: bool = False  # whether the random force is too large for anything to be explained
 
     @property
     def explained(self) -> bool:
@@ -61,11 +42,8 @@ def judged(problem: Problem, windows: Sequence[Windows], final: Solution) -> Jud
 
 
 def shows(problem: Problem, final: Solution) -> bool:
-    """Whether the random force of a fit moves free runs by more than the noise of the readings.
-
-    White force of standard deviation F moves them by F/m sqrt(dt T^3/3); a fitted start state
-    leaves about a tenth of it.
-    """
+    """Whether the random force of a fit moves free runs by more than the noise of the readings."""
+    # White force F moves them by F/m sqrt(dt T^3/3); a fitted start state leaves about a tenth.
     for i, w in enumerate(problem.windows):
         dt, length = w.record.dt, w.record.duration / max(len(w), 1)
         moved = final.random_force(i) / final.axis.mass * math.sqrt(dt * length**3 / 3.0)
@@ -75,13 +53,9 @@ def shows(problem: Problem, final: Solution) -> bool:
 
 
 def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Judged:
-    """Errors of free runs, compared with replays in which the random force acts.
-
-    For the gain, each window is predicted with parameters fitted without its half of the
-    record; structure is what the fit itself leaves beyond its replays.
-    """
-    squares: list[list[FloatArray]] = [[], [], []]
-    replays: list[FloatArray] = []
+    """Errors of free runs, compared with replays in which the random force acts."""
+    squares: list[list[Floats]] = [[], [], []]
+    replays: list[Floats] = []
     structured, places = False, list[str]()
     drawn = final.drawn(REPLAYS)
     for i, w in enumerate(windows):
@@ -94,15 +68,14 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
         if moving.size > REPLAYED:
             moving = moving[np.linspace(0, moving.size - 1, REPLAYED).astype(int)]
         active[moving] = True
-        axes, half = final.unseen(i)
-        half = half[w.edges[:-1]]
+        # The gain is of parameters fitted without the half of the record that a window is in.
         before = w.evaluate(problem.believed, active)
-        unseen = _merged(w, [w.evaluate(a, active & (half == k)) for k, a in enumerate(axes)], half)
+        unseen = w.unseen(*final.unseen(i), active)
         axis = final.problem.axis_at(final.z, i)
         at = w.evaluate(axis, active)
         for row, one in zip(squares, (before, unseen, at), strict=True):
             row.append(w.mean_squares(one.errors)[active])
-        floor: Floor = noise_floor(w, axis, drawn[i], at, active, force=final.random_force(i))
+        floor = noise_floor(w, axis, drawn[i], at, active, force=final.random_force(i))
         replays.append(floor.squares[:, active])
         scores = w.scores(at.costs)
         if not floor.reached(scores, active):
@@ -123,58 +96,40 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
     worse = there > max(WORSE * nominal, noise) or (
         gain.after > gain.floor and gain.interval[1] < 1.0 / WORSE
     )
-    return Judged(gain, left, worse, False)
+    return Judged(gain, left, worse)
 
 
 def _but_the_worst(
-    found: Sequence[FloatArray], replays: Sequence[FloatArray]
-) -> tuple[list[FloatArray], list[FloatArray]]:
+    found: Sequence[Floats], replays: Sequence[Floats]
+) -> tuple[list[Floats], list[Floats]]:
     """Errors of all windows but one, as one breakaway may be mistimed by a sample."""
-    pairs = zip(found, replays, strict=True)
-    worst = [float((one / rows.max(axis=0)).max()) for one, rows in pairs]
-    i = int(np.argmax(worst))
-    k = int(np.argmax(found[i] / replays[i].max(axis=0)))
-    return (
-        [np.delete(one, k) if j == i else one for j, one in enumerate(found)],
-        [np.delete(rows, k, axis=1) if j == i else rows for j, rows in enumerate(replays)],
-    )
-
-
-def _merged(w: Windows, parts: Sequence[Evaluation], half: NDArray[np.int64]) -> Evaluation:
-    """Evaluations of two halves as one."""
-    by_sample, (one, two) = np.repeat(half, w.samples) == 1, parts
-    return Evaluation(
-        np.where(by_sample, two.errors, one.errors),
-        np.where(half == 1, two.starts, one.starts),
-        np.where(half == 1, two.costs, one.costs),
-    )
+    over = [one / rows.max(axis=0) for one, rows in zip(found, replays, strict=True)]
+    i = int(np.argmax([one.max() for one in over]))
+    k, errors, others = int(np.argmax(over[i])), list(found), list(replays)
+    errors[i], others[i] = np.delete(errors[i], k), np.delete(others[i], k, axis=1)
+    return errors, others
 
 
 def _imposed(problem: Problem, final: Solution) -> Judged:
-    """Counterpart of `_motion` for an imposed motion: required force less drive.
-
-    The floor is the part of it that changes from sample to sample.
-    """
-    nominal = problem.nominal_fit
+    """Counterpart of `_motion` for an imposed motion: required force less drive."""
+    outs = problem.nominal_fit.point.out, final.point.out
     blocks: list[list[float]] = [[], [], []]
-    for run, before, after in zip(
-        final.problem.runs, nominal.point.out, final.point.out, strict=True
-    ):
+    for run, before, after in zip(final.problem.runs, *outs, strict=True):
+        # The floor is the part that changes from sample to sample.
         noise = np.diff(after[0], prepend=after[0, :1]) / math.sqrt(2.0)
         together = run.active & np.roll(run.active, 1)
-        for row, one, there in zip(
-            blocks, (before[0], after[0], noise), (run.active, run.active, together), strict=True
-        ):
+        kinds = (before[0], run.active), (after[0], run.active), (noise, together)
+        for row, (one, there) in zip(blocks, kinds, strict=True):
             for a, b in itertools.pairwise(run.edges):
                 if run.active[a:b].any():
                     row.append(float(np.sum(one[a:b] ** 2 * there[a:b]) / run.active[a:b].sum()))
     gain = _gain([np.array(row) for row in blocks], problem.believed.units[1])
     structured = gain.after > SMOOTH * gain.floor
     left = Unexplained(gain.left if structured else 0.0, structured, ())
-    return Judged(gain, left, gain.interval[1] < 1.0 / WORSE, False)
+    return Judged(gain, left, gain.interval[1] < 1.0 / WORSE)
 
 
-def _gain(squares: Sequence[FloatArray], unit: str) -> Gain:
+def _gain(squares: Sequence[Floats], unit: str) -> Gain:
     """Error reduction from mean squares before, after and of the floor, shape (nblocks,)."""
     before, after, _ = squares
     low, high = ratio_interval(before, np.maximum(after, 1e-300))

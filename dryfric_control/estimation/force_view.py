@@ -14,16 +14,14 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats, Ints
 from dryfric_control.compiled.likelihood import FIRST
 from dryfric_control.compiled.windowed_runs import strained
 from dryfric_control.estimation.force_residual import Sliding
 from dryfric_control.estimation.likelihood import Likelihood, Run, prepare
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
-
-FloatArray = NDArray[np.float64]
 
 # Length of the blocks over which scores are summed, longer than the likely correlation time
 # of the innovations [s].
@@ -32,28 +30,18 @@ _BLOCK = 1.0
 
 @dataclass(frozen=True, eq=False)
 class ForceRun(Run):
-    """One record, prepared for the force view.
+    """One record, prepared for the force view."""
 
-    Attributes
-    ----------
-    sliding : Sliding
-        Its sliding samples, with their smoothed motion.
-    index : ndarray of int64, shape (nsliding,)
-        Their indices in the record.
-    """
+    sliding: Sliding  # its sliding samples, with their smoothed motion
+    index: Ints  # their indices in the record, shape (nsliding,)
 
-    sliding: Sliding
-    index: NDArray[np.int64]
-
-    def force_residual(self, axis: FrictionAxis) -> FloatArray:
-        """Force that the axis would need in addition to its drive, shape (nsliding,).
-
-        An elastic contact carries the fraction of the friction to which the motion since
-        the last reversal has strained it.
-        """
+    def force_residual(self, axis: FrictionAxis) -> Floats:
+        """Force that the axis would need in addition to its drive, shape (nsliding,)."""
         one, contact = self.sliding, max((e.inner(axis).contact for e in axis.effects), default=0.0)
         if contact == 0.0:
             return one.force_residual(axis)
+        # An elastic contact carries the part of the friction to which the motion since the last
+        # reversal has strained it.
         level = 0.5 * sum(float(axis.coulomb(np.mean(self.record.x), s)) for s in (1, -1))
         share = np.empty(len(self.record))
         strained(self.record.x, level / contact, float(one.direction[0]), share)
@@ -76,11 +64,9 @@ def prepare_force(record: Record, hold: str = "zero") -> ForceRun:
 
 
 class ForceView(Likelihood):
-    """Likelihood of an axis from its force residual.
+    """Likelihood whose innovations are the drive that the motion needs minus the measured one.
 
-    Like `Likelihood`, but the innovation of a sample is the drive that the model would
-    need for the measured motion minus the measured drive: a model with a low sensitivity
-    to its drive needs more of it.  Readings have no noise of their own.
+    A model with a low sensitivity to its drive needs more of it.  Readings have no noise.
     """
 
     runs: tuple[ForceRun, ...]
@@ -94,7 +80,7 @@ class ForceView(Likelihood):
         # Differences are as cheap here, and exact.
         return False
 
-    def innovations(self, z: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
+    def innovations(self, z: Floats, i: int) -> tuple[Floats, Floats]:
         """Innovations of record i, and its motion in place of filtered states."""
         run = self.runs[i]
         axis, n = self.axis_at(z, i), len(run.record)

@@ -7,12 +7,10 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from dryfric_control.arrays import Floats
 from dryfric_control.records.resolution import QUANTA
-
-FloatArray = NDArray[np.float64]
 
 # Windows [samples], each about 1.4 times the one before, and order of the local polynomials: of
 # the fourth they bend little of an input, where parabolas seem to delay it.
@@ -25,72 +23,17 @@ _MEDIAN = 0.6745 * math.sqrt(6.0)
 _ROUNDED = 1.5
 
 
-def without_noise(u: FloatArray, width: float) -> FloatArray:
-    """Input without the white noise that was recorded with it.
-
-    Every sample is smoothed by a local polynomial over the longest window whose estimate
-    agrees with those of all shorter ones: their intervals of `width` standard errors have a
-    point in common.  Where the input is smooth windows are long, at its edges short.
-
-    Parameters
-    ----------
-    u : ndarray, shape (n,)
-        Recorded input [N].
-    width : float
-        Half width of the intervals in standard errors; 0 leaves the input as it is.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-
-    Notes
-    -----
-    The rule is the intersection of confidence intervals (Goldenshluger and Nemirovski 1997,
-    "On spatially adaptive estimation of nonparametric regression"; Katkovnik 1999, "A new
-    method for varying adaptive bandwidth selection").  The noise is estimated from the
-    median size of second differences.
-
-    Examples
-    --------
-    >>> t = np.linspace(0.0, 1.0, 2001)
-    >>> u = 5.0 * np.sign(t - 0.5) + np.sin(6.0 * t)
-    >>> noisy = u + 0.2 * np.random.default_rng(0).standard_normal(t.size)
-    >>> bool(np.std(without_noise(noisy, 1.25) - u) < 0.4 * np.std(noisy - u))
-    True
-    """
+def without_noise(u: Floats, width: float) -> Floats:
+    """Input without the white noise recorded with it; intervals of `width` standard errors."""
     noise = float(np.median(np.abs(np.diff(u, 2)))) / _MEDIAN
     return _smoothed(u, noise, width, _SURELY * noise) if width > 0.0 else u
 
 
-def before_rounding(
-    u: FloatArray, quantum: float, rng: np.random.Generator
-) -> Iterator[FloatArray]:
+def before_rounding(u: Floats, quantum: float, rng: np.random.Generator) -> Iterator[Floats]:
     """Inputs that may have acted where `u` was recorded in steps of `quantum`, without end.
 
-    While the input changes by less than a step, the error of rounding stays: it is white
-    only where the input is fast.
-
-    Parameters
-    ----------
-    u : ndarray, shape (n,)
-        Recorded input [N].
-    quantum : float
-        Its steps [N]; 0 for none.
-    rng : numpy.random.Generator
-        Source of the place of the steps, which the record does not show.
-
-    Yields
-    ------
-    ndarray, shape (n,)
-        Nowhere more than half a step from `u`.
-
-    Examples
-    --------
-    >>> t = np.linspace(0.0, 1.0, 1001)
-    >>> u = 0.1 * np.round(10.0 * np.sin(2.0 * t))
-    >>> acted = next(before_rounding(u, 0.1, np.random.default_rng(0)))
-    >>> float(np.abs(acted - u).max()) <= 0.05, bool(np.std(acted - u) > 0.02)
-    (True, True)
+    Nowhere more than half a step from `u`, from another place of the steps, which the record does
+    not show: while the input changes by less than a step, the error of rounding stays.
     """
     if quantum == 0.0:
         yield from itertools.repeat(u)
@@ -100,10 +43,12 @@ def before_rounding(
         yield u + quantum * (steps - np.round(steps))
 
 
-def _smoothed(u: FloatArray, noise: float, width: float, surely: float) -> FloatArray:
+def _smoothed(u: Floats, noise: float, width: float, surely: float) -> Floats:
     """Local polynomials over the longest windows that agree with all shorter ones.
 
-    `noise`: standard deviation of the noise; `surely`: distance that it hardly exceeds.
+    They agree where their intervals, of `width` standard errors of white `noise`, have a point in
+    common (intersection of confidence intervals: Goldenshluger and Nemirovski 1997, Katkovnik
+    1999); `surely`: distance that the noise hardly exceeds.
     """
     low, high = u - surely, u + surely
     found, agree = u, np.ones(u.size, bool)

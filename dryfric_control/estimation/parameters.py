@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import positive
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.effect import REGISTRY
@@ -39,7 +39,7 @@ _DECADES = 3.0
 _LATEST = 5.0
 # Parameters that the user may declare known, exactly or to a tolerance.
 _BASES = ("mass", "viscous", "coulomb")
-_SPELLINGS = {
+SPELLINGS = {
     "stribeck_excess": "stribeck.excess",
     "stribeck_speed": "stribeck.speed",
     "inertia": "mass",
@@ -76,38 +76,17 @@ def checked_knowledge(
 
 @dataclass(frozen=True)
 class Parameter:
-    """One free parameter.
+    """One free parameter."""
 
-    Attributes
-    ----------
-    name : str
-        "mass", "coulomb_plus", "coulomb_plus[1]", "spring.stiffness", or
-        "cogging_2.period" for the second effect of a kind.
-    unit : str
-        Unit, for output.
-    low, high : float
-        Bounds.
-    logarithmic : bool
-        Whether the search runs on a logarithmic scale.
-    scale : float
-        Typical significant change of the parameter in the record, in its unit.
-    kind : str
-        Kind of quantity, see `dfc.effects.parameter`.
-    breaks_away : bool
-        Whether it acts only at breakaway.
-    neutral : float
-        Value at which it has no effect.
-    """
-
-    name: str
-    unit: str
+    name: str  # "mass", "coulomb_plus[1]", or "cogging_2.period" for the second effect of a kind
+    unit: str  # for output
     low: float
     high: float
-    logarithmic: bool
-    scale: float
-    kind: str = "amount"
-    breaks_away: bool = False
-    neutral: float = 0.0
+    logarithmic: bool  # whether the search runs on a logarithmic scale
+    scale: float  # typical significant change in the record, in its unit
+    kind: str = "amount"  # of quantity, see `dfc.effects.parameter`
+    breaks_away: bool = False  # whether it acts only at breakaway
+    neutral: float = 0.0  # value at which it has no effect
 
     def search(self, value: float) -> float:
         """Search coordinate of a value, of order 1."""
@@ -149,29 +128,11 @@ def typical(records: Sequence[Record]) -> Scales:
 def choose(
     axis: FrictionAxis, free: Sequence[str], scales: Scales
 ) -> tuple[FrictionAxis, tuple[Parameter, ...]]:
-    """Free parameters by name, and the axis with the effects they need.
+    """The axis with the effects that free names require, at neutral values, and its parameters.
 
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The nominal axis.
-    free : sequence of str
-        Names.  "coulomb_map" means all coefficients of both directions, the name of an
-        effect all its parameters that may be free; "cogging_2" is the second effect of
-        a kind.
-    scales : Scales
-        Typical sizes of quantities in the records.
-
-    Returns
-    -------
-    axis : FrictionAxis
-        With the effects that the names require, added with neutral values.
-    parameters : tuple of Parameter
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown, given twice, or cannot be fitted on this axis.
+    "coulomb_map" means all coefficients of both directions, the name of an effect all its
+    parameters that may be free; ValueError for names that are unknown, given twice, or of
+    nothing that can be fitted on this axis.
     """
     if isinstance(free, str):
         free = (free,)
@@ -181,7 +142,7 @@ def choose(
     for name in free:
         if not isinstance(name, str):
             raise ValueError(f"free must hold names such as 'mass', got {name!r}")
-        axis, found = _expand(axis, _SPELLINGS.get(name, name), scales)
+        axis, found = _expand(axis, SPELLINGS.get(name, name), scales)
         names += found
     if not names:
         raise ValueError("free is empty: name at least one parameter, e.g. free=('coulomb',)")
@@ -197,36 +158,15 @@ def choose(
     return axis, tuple(_parameter(axis, name, scales) for name in names)
 
 
-def values_of(axis: FrictionAxis, names: Sequence[str]) -> NDArray[np.float64]:
+def values_of(axis: FrictionAxis, names: Sequence[str]) -> Floats:
     """Values of parameters in an axis, shape (nparameters,)."""
     return np.array([_get(axis, name) for name in names])
 
 
 def with_values(
-    axis: FrictionAxis, names: Sequence[str], values: Sequence[float] | NDArray[np.float64]
+    axis: FrictionAxis, names: Sequence[str], values: Sequence[float] | Floats
 ) -> FrictionAxis:
-    """Axis with parameters changed.
-
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The axis.
-    names : sequence of str
-        Names of parameters, as returned by `choose`.
-    values : sequence of float
-        One value for each.
-
-    Returns
-    -------
-    FrictionAxis
-
-    Examples
-    --------
-    >>> import dryfric_control as dfc
-    >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=(2.0, 3.0))
-    >>> with_values(axis, ["mass", "coulomb_minus"], [1.5, 4.0]).coulomb
-    CoulombMap(plus=(2.0,), minus=(4.0,))
-    """
+    """Axis with parameters, by their names of `choose`, changed to these values."""
     given = {name: float(value) for name, value in zip(names, values, strict=True)}
     own: dict[str, dict[str, float]] = {}
     for name, value in given.items():
@@ -239,15 +179,14 @@ def with_values(
         if name in given
     }
     if any(name.startswith("coulomb") for name in given):
-        changes["coulomb"] = CoulombMap(*_levels(axis, given))
+        changes["coulomb"] = _levels(axis, given)
     present = named(axis) if own else {}
     changed = {n: replace(present[n], **parts) for n, parts in own.items() if n in present}
     return with_named(axis, changed, **changes)
 
 
-def _levels(
-    axis: FrictionAxis, given: dict[str, float]
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _levels(axis: FrictionAxis, given: dict[str, float]) -> CoulombMap:
+    """Coulomb levels of an axis with the given parameters."""
     sides = []
     for side in ("plus", "minus"):
         coefficients = list(getattr(axis.coulomb, side))
@@ -258,20 +197,25 @@ def _levels(
                 coefficients = [ratio * c for c in coefficients]
                 if now <= 0.0:
                     coefficients[0] = given[name]
-        for i in range(len(coefficients)):
-            coefficients[i] = given.get(f"coulomb_{side}[{i}]", coefficients[i])
-        sides.append(tuple(coefficients))
-    return sides[0], sides[1]
+        named_ones = (f"coulomb_{side}[{i}]" for i in range(len(coefficients)))
+        sides.append([given.get(n, c) for n, c in zip(named_ones, coefficients, strict=True)])
+    return CoulombMap(*map(tuple, sides))
+
+
+def _coefficients(axis: FrictionAxis) -> dict[str, float]:
+    """Coefficients of the Coulomb levels by name, "coulomb_plus[0]" first."""
+    return {
+        f"coulomb_{side}[{i}]": float(c)
+        for side in ("plus", "minus")
+        for i, c in enumerate(getattr(axis.coulomb, side))
+    }
 
 
 def _expand(axis: FrictionAxis, name: str, scales: Scales) -> tuple[FrictionAxis, list[str]]:
+    """The axis that a name requires, and the names of the parameters that it means."""
     if name == "coulomb_map":
-        return axis, [
-            f"coulomb_{side}[{i}]"
-            for side in ("plus", "minus")
-            for i in range(len(getattr(axis.coulomb, side)))
-        ]
-    if name in (*_BASE, SHIFT) or _coefficient(axis, name) is not None:
+        return axis, list(_coefficients(axis))
+    if name in (*_BASE, SHIFT) or name in _coefficients(axis):
         return axis, [name]
     owner, _, part = name.partition(".")
     known = class_of(owner)
@@ -296,26 +240,22 @@ def _expand(axis: FrictionAxis, name: str, scales: Scales) -> tuple[FrictionAxis
     return axis, [name] if part else [f"{owner}.{p}" for p in known.named_parameters()]
 
 
-def _coefficient(axis: FrictionAxis, name: str) -> tuple[str, int] | None:
-    for side in ("plus", "minus"):
-        for i in range(len(getattr(axis.coulomb, side))):
-            if name == f"coulomb_{side}[{i}]":
-                return side, i
-    return None
-
-
 def _get(axis: FrictionAxis, name: str) -> float:
-    if name == SHIFT:
-        return 0.0
-    if name == "coulomb":
-        return axis.coulomb.mean
-    if name in ("coulomb_plus", "coulomb_minus"):
-        return float(getattr(axis.coulomb, name.removeprefix("coulomb_"))[0])
-    place = _coefficient(axis, name)
-    if place is not None:
-        return float(getattr(axis.coulomb, place[0])[place[1]])
+    """Value of a parameter in an axis."""
+    levels = axis.coulomb
+    own = {"coulomb": levels.mean, "coulomb_plus": levels.plus[0], "coulomb_minus": levels.minus[0]}
+    own |= {SHIFT: 0.0} | _coefficients(axis)
+    if name in own:
+        return float(own[name])
     owner, _, part = name.partition(".")
     return float(getattr(named(axis)[owner] if part else axis, part or name))
+
+
+def declared(name: str) -> str:
+    """Unit of a base parameter, or of a coefficient of a Coulomb level, of a linear axis."""
+    base, _, degree = name.removesuffix("]").partition("[")
+    power = int(degree or 0)
+    return f"N/m^{power}" if power > 1 else "N/m" if power else _BASE[base]
 
 
 def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
@@ -324,13 +264,10 @@ def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
         reach = _LATEST * scales.step
         return Parameter(name, "s", -reach, reach, False, scales.step)
     value = _get(axis, name)
-    place = _coefficient(axis, name)
-    if place is not None or name in _BASE:
-        power = place[1] if place else 0
-        declared = _BASE.get(name, f"N/m^{power}" if power > 1 else "N/m" if power else "N")
-        unit, logarithmic = axis.unit(declared), name in _LOGARITHMIC
-        low, high = -math.inf if power else 0.0, math.inf
-        scale = value if logarithmic else scales.of(powers(declared))
+    if name.partition("[")[0] in _BASE:
+        unit, logarithmic = axis.unit(declared(name)), name in _LOGARITHMIC
+        low, high = 0.0 if name in _BASE or name.endswith("[0]") else -math.inf, math.inf
+        scale = value if logarithmic else scales.of(powers(declared(name)))
         kind, breaks_away, neutral = "amount", name in _BREAKS_AWAY, 0.0
     else:
         owner, _, part = name.partition(".")

@@ -23,49 +23,17 @@ _STRONG = 30.0
 
 
 def warn_if_implausible(axis: FrictionAxis, record: Record) -> None:
-    """Warn about a record with wrong units, reversed sign or swapped columns.
+    """RecordWarning about wrong units, reversed sign or swapped columns.
 
-    Parameters
-    ----------
-    axis : FrictionAxis
-        The nominal axis.
-    record : Record
-        The measured record.
-
-    Warns
-    -----
-    RecordWarning
-        If positions lie far outside the travel, or if the drive extracts energy from
-        the machine or is too weak to overcome the friction of the axis or to
-        accelerate it as measured.
-
-    Examples
-    --------
-    >>> import warnings
-    >>> import numpy as np
-    >>> import dryfric_control as dfc
-    >>> from dryfric_control.estimation.plausibility import warn_if_implausible
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-0.2, 0.2))
-    >>> t = 1e-3 * np.arange(2000)
-    >>> x = axis.simulate(u := 20.0 * np.sin(6.0 * t), dt=1e-3).y[0]
-    >>> with warnings.catch_warnings(record=True) as caught:
-    ...     warnings.simplefilter("always")
-    ...     warn_if_implausible(axis, dfc.Record(t, u, 1e3 * x))
-    >>> str(caught[0].message)[:38]
-    'positions run from 0 to 166 m, the axi'
+    Positions lie far outside the travel, or the drive extracts energy from the machine or is too
+    weak for the friction of the axis or for its acceleration.
     """
     for message in _messages(axis, record):
         warn(message, RecordWarning)
 
 
 def check_distinct(records: Sequence[Record]) -> None:
-    """Refuse a record that is given twice: it would count double.
-
-    Raises
-    ------
-    ValueError
-        If two records hold the same drive and positions.
-    """
+    """Refuse a record that is given twice: it would count double."""
     for (i, one), (j, other) in combinations(enumerate(records), 2):
         if np.array_equal(one.x, other.x) and np.array_equal(one.u, other.u):
             raise ValueError(

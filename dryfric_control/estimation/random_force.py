@@ -7,12 +7,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats
 from dryfric_control.estimation.likelihood import Run
 from dryfric_control.estimation.solution import Solution
-
-FloatArray = NDArray[np.float64]
 
 # Samples that are not used for parameters of sliding: within this time of a start or stop of
 # motion [s], and below this fraction of the fast speed (95 % quantile)
@@ -34,12 +32,10 @@ def acts(found: Solution, i: int) -> bool:
     return problem.tried(without).cost > found.cost + _LEAST
 
 
-def away_from_rest(run: Run, states: FloatArray) -> Run:
-    """The run without the samples close to rest, if enough samples remain.
-
-    Close to rest the noise of the recorded input causes a bias, since it releases the
-    model but not the machine, and a creeping axis stops where an unknown force holds it.
-    """
+def away_from_rest(run: Run, states: Floats) -> Run:
+    """The run without the samples close to rest, if enough samples remain."""
+    # There the noise of the recorded input releases the model but not the machine, and a creeping
+    # axis stops where an unknown force holds it.
     sliding = states[2] != 0.0
     speed = np.abs(states[1])
     if not sliding.any():
@@ -53,28 +49,38 @@ def away_from_rest(run: Run, states: FloatArray) -> Run:
     return replace(run, active=run.active & clear)
 
 
-def _correlated(found: Solution, longest: float) -> Iterator[tuple[FloatArray, FloatArray]]:
+def products(values: Floats, lags: int) -> Floats:
+    """Sum of the products of values and those 0 to `lags` samples later."""
+    size = 2 * (values.size + lags)
+    return np.asarray(np.fft.irfft(np.abs(np.fft.rfft(values, size)) ** 2, size)[: lags + 1])
+
+
+def integrated(part: Floats, count: float) -> float:
+    """Twice the sum of an autocorrelation up to the first lag at which it is no more than chance.
+
+    `part`: over the lag, 1 at none; `count`: of the values that it is of.
+    """
+    chance = np.flatnonzero(part[1:] < 2.0 / math.sqrt(count))
+    last = int(chance[0]) + 1 if chance.size else part.size
+    return 2.0 * float(part[1:last].sum())
+
+
+def _correlated(found: Solution, longest: float) -> Iterator[tuple[Floats, Floats]]:
     """Products of the innovations of each record while sliding, and their pairs, over the lag."""
-    for run, out, states in zip(
-        found.problem.runs, found.point.out, found.point.states, strict=True
-    ):
+    point = found.point
+    for run, out, states in zip(found.problem.runs, point.out, point.states, strict=True):
         seen = run.active & (out[1] > 0.0) & (states[2] != 0.0)
         e = np.zeros(seen.size)
         e[seen] = np.clip(out[0, seen] / np.sqrt(out[1, seen]), -_LARGEST, _LARGEST)
         lags = min(max(2, round(longest / run.record.dt)), seen.size // 4)
-        size = 2 * (e.size + lags)
-        products, pairs = (
-            np.fft.irfft(np.abs(np.fft.rfft(one, size)) ** 2, size)[: lags + 1]
-            for one in (e, seen.astype(float))
-        )
-        yield products, pairs
+        yield products(e, lags), products(seen.astype(float), lags)
 
 
 def lasting(found: Solution) -> float:
     """Ratio of the innovations' low-frequency power to that of white ones, sliding."""
     worst = 0.0
-    for products, pairs in _correlated(found, _LASTING):
-        correlation = products / np.maximum(pairs, 1.0)
+    for sums, pairs in _correlated(found, _LASTING):
+        correlation = sums / np.maximum(pairs, 1.0)
         weights = 1.0 - np.arange(correlation.size) / correlation.size
         total = correlation[0] + 2.0 * float(weights[1:] @ correlation[1:])
         worst = max(worst, total / max(correlation[0], 1e-300))
@@ -82,21 +88,12 @@ def lasting(found: Solution) -> float:
 
 
 def long_run(found: Solution) -> float:
-    """Ratio of the long-run variance of a fit's innovations to their variance, at least 1.
-
-    The integrated autocorrelation while sliding, up to the first lag at which it is no more
-    than chance: so many samples tell as much as one.
-    """
+    """Ratio of the long-run variance of innovations while sliding to their variance, at least 1."""
     rows = list(_correlated(found, _LONG_RUN))
-    longest = max(one.size for one, _ in rows)
-    products, pairs = (
-        np.sum([np.pad(row[k], (0, longest - row[k].size)) for row in rows], axis=0)
-        for k in range(2)
-    )
-    if products[0] <= 0.0:
+    total = np.zeros((2, max(one.size for one, _ in rows)))
+    for row in rows:
+        total[:, : row[0].size] += row
+    if total[0, 0] <= 0.0:
         return 1.0
-    part = products / np.maximum(pairs, 1.0)
-    part /= part[0]
-    chance = np.flatnonzero(part[1:] < 2.0 / math.sqrt(pairs[0]))
-    last = int(chance[0]) + 1 if chance.size else part.size
-    return max(1.0, 1.0 + 2.0 * float(part[1:last].sum()))
+    part = total[0] / np.maximum(total[1], 1.0)
+    return max(1.0, 1.0 + integrated(part / part[0], total[1, 0]))

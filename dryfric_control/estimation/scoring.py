@@ -6,13 +6,11 @@ import math
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats, Ints
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.estimation.likelihood import Likelihood, Point
 from dryfric_control.estimation.solution import Solution
-
-FloatArray = NDArray[np.float64]
 
 # Predicted fall of the cost below which the search ends, and number of iterations that may bring
 # less; predicted fall above which it has not converged, unless nothing near is lower.
@@ -39,12 +37,8 @@ _POLLED = (3.0, 10.0)
 _QUIETER = (0.9, 0.5, 0.2, 0.07)
 
 
-def _quieter(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArray, Point]:
-    """A point with as much random force in each record as is best, as the cost may have two minima.
-
-    With a large random force the filter follows the readings, even where the model
-    alone would predict them.
-    """
+def _quieter(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Point]:
+    """A point with as much random force in each record as is best: the cost may have two minima."""
     n, quiet = len(problem.names), z.copy()
     for i, run in enumerate(problem.runs):
         least = compiled.cost(point.out[i], run.active)
@@ -59,12 +53,8 @@ def _quieter(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArr
     return z, point
 
 
-def _noises(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArray, Point]:
-    """Noises for fixed parameters, by scoring.
-
-    Found first, as with a much too large random force the readings say little about the
-    parameters.
-    """
+def _noises(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Point]:
+    """Noises for fixed parameters; with a much too large one readings say little about these."""
     for _ in range(_NOISE_TURNS):
         gradients, information = problem.terms(z, point, 1, noises=True)
         g, h = gradients.sum(axis=0), problem.bent(information.sum(axis=0))
@@ -86,27 +76,22 @@ def _noises(problem: Likelihood, z: FloatArray, point: Point) -> tuple[FloatArra
     return z, point
 
 
-def _searched(
-    problem: Likelihood, z: FloatArray, g: FloatArray, h: FloatArray
-) -> tuple[NDArray[np.intp], FloatArray]:
+def _searched(problem: Likelihood, z: Floats, g: Floats, h: Floats) -> tuple[Ints, Floats]:
     """Coordinates that are not held at a bound and matter, and the roots of their information."""
     held = ((z <= problem.low) & (g > 0.0)) | ((z >= problem.high) & (g < 0.0))
     free = np.flatnonzero(~held & (np.diag(h) > 1e-12))
     return free, np.sqrt(np.diag(h)[free])
 
 
-def _promised(unit: FloatArray, slope: FloatArray) -> float:
+def _promised(unit: Floats, slope: Floats) -> float:
     """Fall of the cost that a Newton step in coordinates of unit information predicts."""
     step = np.linalg.lstsq(unit + 1e-9 * np.eye(slope.size), slope, rcond=None)[0]
     return 0.5 * float(slope @ step)
 
 
-def within_reach(unit: FloatArray, g: FloatArray, reach: FloatArray) -> FloatArray:
-    """Newton step in coordinates of unit information, each limited to its reach.
-
-    A coordinate that would go farther is fixed at its reach and the others are solved for
-    again, so that a poorly determined one does not shorten the whole step.
-    """
+def within_reach(unit: Floats, g: Floats, reach: Floats) -> Floats:
+    """Newton step in coordinates of unit information, each limited to its reach."""
+    # One that would go farther is fixed there, so that it does not shorten the step of the others.
     step, fixed = np.zeros(g.size), np.zeros(g.size, bool)
     while not fixed.all():
         free = ~fixed
@@ -122,13 +107,9 @@ def within_reach(unit: FloatArray, g: FloatArray, reach: FloatArray) -> FloatArr
 
 
 def _polled(
-    problem: Likelihood, z: FloatArray, point: Point, free: NDArray[np.intp], h: FloatArray
-) -> tuple[FloatArray, Point] | None:
-    """The lowest of some points around z, for a rough cost, whose slopes are no guide.
-
-    The points lie on the principal axes of the information h of the free coordinates.  None if
-    z is as near to the minimum as a rough cost shows.
-    """
+    problem: Likelihood, z: Floats, point: Point, free: Ints, h: Floats
+) -> tuple[Floats, Point] | None:
+    """The lowest point on the principal axes of the information h, or None if none is lower."""
     own = free < len(problem.names)
     free, h = free[own], h[np.ix_(own, own)]
     size = np.sqrt(np.diag(h))
@@ -151,7 +132,7 @@ def _polled(
 
 def maximise(
     problem: Likelihood,
-    z: FloatArray,
+    z: Floats,
     iterations: int = _ITERATIONS,
     until: float = math.inf,
     quick: bool = False,

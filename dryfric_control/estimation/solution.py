@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dryfric_control.arrays import Floats, Ints
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.estimation.likelihood import NORMAL, Likelihood, Point
 from dryfric_control.model.axis import FrictionAxis
-
-FloatArray = NDArray[np.float64]
 
 # Eigenvalue of the information, scaled to unit diagonal, below which differences cannot
 # distinguish it from 0.
@@ -25,7 +23,7 @@ _NOTHING = 1e-100
 _PARTS, _LOUDER = (1.0, 0.3, 0.1), 2.0
 
 
-def _inverse(h: FloatArray) -> FloatArray:
+def _inverse(h: Floats) -> Floats:
     """Inverse of an information matrix; undetermined directions get a large variance."""
     size = np.sqrt(np.maximum(np.diag(h), 0.0))
     size[size < _NOTHING] = 1.0
@@ -36,33 +34,19 @@ def _inverse(h: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Result of a search.
-
-    Attributes
-    ----------
-    problem : Likelihood
-    z : ndarray, shape (ncoordinates,)
-    point : Point
-    gradients, information : ndarray
-        `Likelihood.terms` at z.
-    converged : bool
-        Whether the predicted fall of the cost is below 1, or nothing near is lower, where the
-        cost is so rough that no step achieves its prediction.
-    promised : float
-        Predicted fall of the cost by a full Newton step.
-    at_bound : tuple of str
-        Parameters that ended at a bound.
-    """
+    """Result of a search."""
 
     problem: Likelihood
-    z: FloatArray
+    z: Floats  # search coordinates
     point: Point
-    gradients: FloatArray
-    information: FloatArray
+    gradients: Floats  # of `Likelihood.terms` at z, and the information
+    information: Floats
+    # Whether the predicted fall of the cost is below 1, or nothing near is lower, where the cost
+    # is so rough that no step achieves its prediction.
     converged: bool
-    promised: float
+    promised: float  # fall of the cost that a full Newton step predicts
     iterations: int
-    at_bound: tuple[str, ...] = field(default=())
+    at_bound: tuple[str, ...] = ()  # parameters that ended at a bound
 
     @property
     def cost(self) -> float:
@@ -85,10 +69,8 @@ class Solution:
     def curvature(self) -> float:
         """Ratio of the cost's curvature to the information of the weighted innovations.
 
-        The weights w = (nu + 1)/(nu + e^2/S) fall with the innovation, so that the
-        curvature is below that of the sum of weighted squares: 5/7 of it for Student's t,
-        two thirds for normal innovations.  Only sliding samples are used: at rest the
-        innovations are encoder noise and uninformative about the parameters.
+        The weights w = (nu + 1)/(nu + e^2/S) fall with the innovation: 5/7 for Student's t, two
+        thirds for normal ones.  At rest these are encoder noise and say nothing.
         """
         bent = total = 0.0
         rows = zip(self.problem.runs, self.point.out, self.point.states, strict=True)
@@ -100,7 +82,7 @@ class Solution:
             total += float(np.sum((nu + 1.0) / (nu + square)))
         return max(bent / total, 0.1) if total > 0.0 else 1.0
 
-    def covariance(self) -> FloatArray:
+    def covariance(self) -> Floats:
         """Sandwich covariance of the search coordinates."""
         h = self.information.sum(axis=0) * self.curvature()
         h += np.diag(self.problem.prior_terms(self.z)[2])
@@ -137,7 +119,7 @@ class Solution:
                 continue  # no such axis
         return axes
 
-    def information_of(self, steps: FloatArray) -> FloatArray:
+    def information_of(self, steps: Floats) -> Floats:
         """Information about steps of the parameters, one a row, from differences along them."""
         problem, count = self.problem, len(steps)
         total = np.zeros((count, count))
@@ -162,16 +144,15 @@ class Solution:
         return total
 
     @cached_property
-    def crossed(self) -> tuple[FloatArray, tuple[FloatArray, FloatArray], NDArray[np.int64]]:
+    def crossed(self) -> tuple[Floats, tuple[Floats, Floats], Ints]:
         """Held-out costs of the blocks, parameters fitted without each half, half of each block.
 
-        Blocks are assigned alternately, two at a time, to two halves; the parameters of the
-        other half follow by one Newton step.
+        Two blocks at a time belong to either half; the parameters follow by one Newton step.
         """
         problem = self.problem
         gradients, information = self.gradients, self.information
 
-        def blocks(at: Point) -> FloatArray:
+        def blocks(at: Point) -> Floats:
             return np.concatenate([problem.blocks(i, out) for i, out in enumerate(at.out)])
 
         before = blocks(self.point)
@@ -224,11 +205,11 @@ class Solution:
                 costs[mine] = here
         return costs, (found[0], found[1]), half
 
-    def held_out(self) -> FloatArray:
+    def held_out(self) -> Floats:
         """Held-out cost of each block: under parameters fitted without its half."""
         return self.crossed[0]
 
-    def unseen(self, i: int) -> tuple[tuple[FrictionAxis, FrictionAxis], NDArray[np.int64]]:
+    def unseen(self, i: int) -> tuple[tuple[FrictionAxis, FrictionAxis], Ints]:
         """Axes of record i fitted without each half, and the half of each of its samples."""
         _, z, half = self.crossed
         runs = self.problem.runs

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 
+from dryfric_control.arrays import Floats
 from dryfric_control.records.record import Record
-
-FloatArray = NDArray[np.float64]
 
 # Length of a block [s]: model errors of neighbouring windows are correlated, a second apart
 # far less.
@@ -29,21 +28,11 @@ def block_length(records: Sequence[Record]) -> float:
     return min(_BLOCK, sum(r.duration for r in records) / _FEWEST)
 
 
-def unseen(normal: FloatArray, again: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Directions in which the cost does not change, as rows.
+def unseen(normal: Floats, again: Callable[[Floats], Floats]) -> Floats:
+    """Directions in which the cost does not change, unit vectors as rows; none if all are known.
 
-    Parameters
-    ----------
-    normal : ndarray, shape (nparameters, nparameters)
-        Normal matrix in search coordinates.
-    again : callable
-        Normal matrix of some steps, one a row, from differences along these: those of the
-        coordinates do not cancel to the last digits.
-
-    Returns
-    -------
-    ndarray, shape (ndirections, nparameters)
-        Unit vectors in search coordinates; empty if all are determined.
+    `normal`: normal matrix in search coordinates; `again`: that of some steps, one a row, from
+    differences along these: those of the coordinates do not cancel to the last digits.
     """
     size = np.sqrt(np.diag(normal))
     largest = size.max() if size.max() > 0.0 else 1.0
@@ -61,7 +50,7 @@ def unseen(normal: FloatArray, again: Callable[[FloatArray], FloatArray]) -> Flo
     return np.asarray(rows, dtype=np.float64).reshape(-1, size.size)
 
 
-def _inverse(normal: FloatArray, away: FloatArray) -> FloatArray:
+def _inverse(normal: Floats, away: Floats) -> Floats:
     """Inverse of normal matrices, without the directions in `away`."""
     if away.size == 0:
         return np.asarray(np.linalg.inv(normal), dtype=np.float64)
@@ -70,25 +59,11 @@ def _inverse(normal: FloatArray, away: FloatArray) -> FloatArray:
     return np.asarray(basis @ inner @ basis.T)
 
 
-def jackknife(g: FloatArray, h: FloatArray, prior: FloatArray, away: FloatArray) -> FloatArray:
+def jackknife(g: Floats, h: Floats, prior: Floats, away: Floats) -> Floats:
     """Covariance from leaving out one block at a time, linearised.
 
-    Parameters
-    ----------
-    g : ndarray, shape (nblocks, nparameters)
-        Gradients.
-    h : ndarray, shape (nblocks, nparameters, nparameters)
-        Normal matrices.
-    prior : ndarray, shape (nparameters,)
-        Precision of the prior, in search coordinates: it keeps a parameter of
-        unknown magnitude within its decade, and thereby the parameters that are
-        correlated with it.
-    away : ndarray, shape (ndirections, nparameters)
-        Directions that the record does not determine; left out of the covariance.
-
-    Returns
-    -------
-    ndarray, shape (nparameters, nparameters)
+    Of blocks with gradients g and normal matrices h, a prior with this precision of each
+    parameter, and without the directions `away`, which the record does not determine.
     """
     total, count = h.sum(axis=0), g.shape[0]
     if away.shape[0] == total.shape[0] or count < 2:
@@ -99,25 +74,8 @@ def jackknife(g: FloatArray, h: FloatArray, prior: FloatArray, away: FloatArray)
     return np.asarray((count - 1) / count * moved.T @ moved)
 
 
-def bootstrap(
-    g: FloatArray, h: FloatArray, prior: FloatArray, away: FloatArray, repeats: int, seed: int
-) -> FloatArray:
-    """Steps of the parameters when blocks are drawn with replacement.
-
-    Parameters
-    ----------
-    g, h, prior, away
-        As for `jackknife`.
-    repeats : int
-        Number of resamplings.
-    seed : int
-        Seed of the random numbers.
-
-    Returns
-    -------
-    ndarray, shape (repeats, nparameters)
-        One Gauss-Newton step each, in search coordinates.
-    """
+def bootstrap(g: Floats, h: Floats, prior: Floats, away: Floats, repeats: int, seed: int) -> Floats:
+    """Gauss-Newton steps of the parameters when blocks are drawn with replacement, one a row."""
     rng = np.random.default_rng(seed)
     counts = rng.multinomial(g.shape[0], np.full(g.shape[0], 1.0 / g.shape[0]), size=repeats)
     # A resampling may miss the only block that determines a direction.
@@ -126,25 +84,12 @@ def bootstrap(
     return np.asarray(-np.einsum("rij,rj->ri", inverse, weights @ g))
 
 
-def degrees_of_freedom(h: FloatArray, prior: FloatArray, away: FloatArray) -> FloatArray:
-    """Degrees of freedom of the variances found by `jackknife`.
+def degrees_of_freedom(h: Floats, prior: Floats, away: Floats) -> Floats:
+    """Degrees of freedom, at least 1, of the variances found by `jackknife`.
 
-    Parameters
-    ----------
-    h, prior, away
-        As for `jackknife`.
-
-    Returns
-    -------
-    ndarray, shape (nparameters,)
-        At least 1.
-
-    Notes
-    -----
-    If only a few blocks determine a parameter, its variance is as uncertain as one
-    estimated from that many samples.  If the gradients of the blocks have their
-    normal matrices H_b as covariances, leaving out block b changes a parameter by
-    d_b with covariance
+    If only a few blocks determine a parameter, its variance is as uncertain as one estimated from
+    that many samples.  If the gradients of the blocks have their normal matrices H_b as
+    covariances, leaving out block b changes a parameter by d_b with covariance
 
         W_bc = r_b (H_b delta_bc - H_b inv(H) H_c) r_c',  r_b = row of inv(H - H_b),
 
@@ -166,51 +111,25 @@ def degrees_of_freedom(h: FloatArray, prior: FloatArray, away: FloatArray) -> Fl
     return np.maximum(found, 1.0)
 
 
-def ratio_interval(
-    before: FloatArray, after: FloatArray, level: float = 0.9
-) -> tuple[float, float]:
-    """Confidence interval of a ratio of RMS errors, blocks drawn with replacement.
-
-    Parameters
-    ----------
-    before, after : ndarray, shape (nblocks,)
-        Squared errors.
-    level : float, optional
-        Probability with which the interval covers the true ratio.
-
-    Returns
-    -------
-    low, high : float
-    """
+def ratio_interval(before: Floats, after: Floats) -> tuple[float, float]:
+    """90 % interval of the ratio of RMS errors, from blocks of squares drawn with replacement."""
     blocks = np.column_stack([before, after])
     picks = np.random.default_rng(0).integers(0, len(blocks), size=(2000, len(blocks)))
     sums = blocks[picks].sum(axis=1)
-    low, high = np.quantile(
-        np.sqrt(sums[:, 0] / sums[:, 1]), [0.5 - 0.5 * level, 0.5 + 0.5 * level]
-    )
+    low, high = np.quantile(np.sqrt(sums[:, 0] / sums[:, 1]), [0.05, 0.95])
     return float(low), float(high)
 
 
-def half_width(level: float, freedom: ArrayLike) -> FloatArray:
+def half_width(level: float, freedom: ArrayLike) -> Floats:
     """Half-width of a confidence interval in standard errors (Student's t)."""
     return np.asarray(stats.t.ppf(0.5 + 0.5 * level, freedom), dtype=np.float64)
 
 
-def expanded(steps: FloatArray, level: float, freedom: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Bounds of bootstrap intervals, with percentiles expanded for few blocks.
+def expanded(steps: Floats, level: float, freedom: Floats) -> tuple[Floats, Floats]:
+    """Bounds of bootstrap intervals of steps, one a row, expanded for few blocks.
 
     A plain percentile interval corresponds to normal quantiles; the expanded one
     corresponds to Student's t (T. Hesterberg, The American Statistician 69, 2015).
-
-    Parameters
-    ----------
-    steps : ndarray, shape (repeats, nparameters)
-    level : float
-    freedom : ndarray, shape (nparameters,)
-
-    Returns
-    -------
-    low, high : ndarray, shape (nparameters,)
     """
     tail = stats.norm.cdf(-half_width(level, freedom))
     columns = list(zip(steps.T, tail, strict=True))

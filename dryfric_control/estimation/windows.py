@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.checks import instance, positive
 from dryfric_control.compiled.axis_step import STRUCTURE
-from dryfric_control.compiled.windowed_runs import (
-    Evaluation,
-    Search,
-    Windowed,
-    free_runs,
-    project,
-)
+from dryfric_control.compiled.windowed_runs import Evaluation, Search, Windowed, free_runs, project
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.motion import LONGEST, least_motion, rest_times
 from dryfric_control.records.record import Record
 from dryfric_control.ties import NEAR, above, samples
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 # Multiple of the noise from which a score grows with the logarithm of the errors alone.
 _ROBUST = 2.0
@@ -38,12 +30,8 @@ _MOVING = 4.0
 _ROUNDS, _OFFSETS = 2, np.array([-0.3, 0.3, -1.0, 1.0, -2.0, 2.0])
 
 
-def shifted(u: FloatArray, samples: float) -> FloatArray:
-    """Held input delayed by some samples, as means over each sample.
-
-    The mean keeps the impulse, which determines position and velocity at the next
-    sample up to terms of order dt^2.
-    """
+def shifted(u: Floats, samples: float) -> Floats:
+    """Held input delayed by some samples, as means over each sample, which keep the impulse."""
     if samples == 0.0:
         return u
     whole = math.floor(samples)
@@ -56,53 +44,33 @@ def shifted(u: FloatArray, samples: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """A record cut into windows, with the state at each start.
-
-    Made by `cut`.
-
-    Attributes
-    ----------
-    record : Record
-    edges : ndarray of int64, shape (nwindows + 1,)
-        First sample of each window, and the end.
-    x0, v0 : ndarray, shape (nwindows,)
-        Smoothed state at each start.
-    x0_error, v0_error : ndarray, shape (nwindows,)
-        Standard deviation of that state: encoder noise after smoothing, and
-        possible bias from the smoothing itself.
-    rest : ndarray, shape (nwindows,)
-        Time at rest before each start [s].
-    hold : str
-        "zero" or "first".
-    floor : float
-        Standard deviation of the readings' noise, quantisation included.
-    """
+    """A record cut into windows, with the state at each start, shape (nwindows,); made by `cut`."""
 
     record: Record
-    edges: NDArray[np.int64]
-    x0: FloatArray
-    v0: FloatArray
-    x0_error: FloatArray
-    v0_error: FloatArray
-    rest: FloatArray
-    hold: str
-    floor: float
+    edges: Ints  # first sample of each window, and the end
+    x0: Floats  # smoothed state at each start
+    v0: Floats
+    x0_error: Floats  # its standard deviation: noise after smoothing, and its possible bias
+    v0_error: Floats
+    rest: Floats  # time at rest before each start [s]
+    hold: str  # "zero" or "first"
+    floor: float  # standard deviation of the readings' noise, quantisation included
 
     def __len__(self) -> int:
         return self.edges.size - 1
 
     @cached_property
-    def samples(self) -> NDArray[np.int64]:
+    def samples(self) -> Ints:
         """Number of samples in each window, shape (nwindows,)."""
         return np.diff(self.edges)
 
     @property
-    def start_times(self) -> FloatArray:
+    def start_times(self) -> Floats:
         """Time at which each window starts [s], shape (nwindows,)."""
         return np.asarray(self.record.t[self.edges[:-1]])
 
     @cached_property
-    def moving(self) -> BoolArray:
+    def moving(self) -> Bools:
         """Windows whose readings move by more than noise, shape (nwindows,)."""
         x, starts = self.record.x, self.edges[:-1]
         reach = np.maximum.reduceat(x, starts) - np.minimum.reduceat(x, starts)
@@ -121,56 +89,23 @@ class Windows:
         self,
         axis: FrictionAxis,
         shift: float = 0.0,
-        dx: FloatArray | float = 0.0,
-        dv: FloatArray | float = 0.0,
-        active: BoolArray | None = None,
-    ) -> FloatArray:
-        """Positions of the free runs.
+        dx: Floats | float = 0.0,
+        dv: Floats | float = 0.0,
+        active: Bools | None = None,
+    ) -> Floats:
+        """Positions of the free runs of an axis at every sample, shape (n,).
 
-        Parameters
-        ----------
-        axis : FrictionAxis
-            The axis to run.  Its inner states, which are not measured, continue from
-            window to window.
-        shift : float, optional
-            Time by which the input acts later than recorded, negative if
-            earlier [s].  Unlike a delay it is a property of the record.
-        dx, dv : float or ndarray, shape (nwindows,)
-            Added to the state at the starts.
-        active : ndarray of bool, shape (nwindows,), optional
-            Windows to run; the others get no value.  Default: all.  With inner
-            states, all windows are run.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            One position for each sample of the record.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import dryfric_control as dfc
-        >>> t = 1e-3 * np.arange(1000)
-        >>> windows = cut(dfc.Record(t, np.cos(t), np.sin(3 * t)), window=0.25)
-        >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=0.5)
-        >>> near = windows.run(axis, dv=1e-3)
-        >>> round(float(near[249] - windows.run(axis)[249]), 6)
-        0.000249
+        The input acts `shift` [s] later than recorded, unlike a delay a property of the record;
+        dx, dv are added to the states at the starts.  Of windows that are not `active` nothing is
+        run, unless inner states continue from window to window.
         """
         windowed = self.arrays(shift)._replace(x0=self.x0 + dx, v0=self.v0 + dv)
         return positions(axis, windowed, active)
 
-    def evaluate(self, axis: FrictionAxis, active: BoolArray, thorough: bool = False) -> Evaluation:
-        """Errors of an axis over windows, each from its most likely start state.
+    def evaluate(self, axis: FrictionAxis, active: Bools, thorough: bool = False) -> Evaluation:
+        """Errors of an axis over active windows, each from its most likely start state.
 
-        Parameters
-        ----------
-        axis : FrictionAxis
-        active : ndarray of bool, shape (nwindows,)
-            Windows to run.
-        thorough : bool, optional
-            Whether windows that end far above the noise are searched again, from
-            other velocities.
+        `thorough`: windows that end far above the noise are searched again from other velocities.
         """
         at = Evaluation(
             np.zeros(int(self.edges[-1])), np.zeros((3, len(self))), np.zeros(len(self))
@@ -181,22 +116,26 @@ class Windows:
         project(axis.arrays(self.record.dt), self.arrays(), search, at)
         return at
 
-    def scores(self, costs: FloatArray) -> FloatArray:
+    def unseen(self, axes: Sequence[FrictionAxis], half: Ints, active: Bools) -> Evaluation:
+        """Errors of two axes, each over the active windows of its half of the samples."""
+        half = half[self.edges[:-1]]
+        one, two = (self.evaluate(a, active & (half == k)) for k, a in enumerate(axes))
+        return Evaluation(
+            np.where(np.repeat(half, self.samples) == 1, two.errors, one.errors),
+            np.where(half == 1, two.starts, one.starts),
+            np.where(half == 1, two.costs, one.costs),
+        )
+
+    def scores(self, costs: Floats) -> Floats:
         """log(1 + cost/(n c^2)) of every window: 0.22 at the noise floor."""
         return np.asarray(np.log1p(costs / (self.samples * _ROBUST**2)))
 
-    def spread(self, values: NDArray) -> NDArray:
-        """One value a window, repeated over its samples, shape (n,)."""
-        return np.repeat(values, self.samples)
-
-    def mean_squares(self, errors: FloatArray) -> FloatArray:
+    def mean_squares(self, errors: Floats) -> Floats:
         """Mean square of the errors in each window, shape (nwindows,)."""
         return np.asarray(np.add.reduceat(errors**2, self.edges[:-1]) / self.samples)
 
 
-def positions(
-    axis: FrictionAxis, windowed: Windowed, active: BoolArray | None = None
-) -> FloatArray:
+def positions(axis: FrictionAxis, windowed: Windowed, active: Bools | None = None) -> Floats:
     """Positions of free runs over the active windows, shape (n,); all with inner states."""
     arrays, count = axis.arrays(windowed.dt), windowed.edges.size - 1
     if active is None or arrays.integers[STRUCTURE]:
@@ -217,40 +156,8 @@ def linked(axis: FrictionAxis) -> bool:
     return any(e.remembers and e.action not in ("delay", "lag") for e in axis.effects)
 
 
-def cut(
-    record: Record,
-    window: float = 0.25,
-    hold: str = "zero",
-) -> Windows:
-    """Cut a record into windows and find the state at their starts.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    window : float, optional
-        Length of a window [s].
-    hold : {"zero", "first"}, optional
-        Whether the recorded input is held or interpolated linearly between samples.
-
-    Returns
-    -------
-    Windows
-
-    Raises
-    ------
-    ValueError
-        If the window holds fewer than 5 samples or more than the record.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from dryfric_control.records.record import Record
-    >>> t = 1e-3 * np.arange(1000)
-    >>> windows = cut(Record(t, np.cos(t), np.sin(3 * t)), window=0.25)
-    >>> len(windows), round(float(windows.v0[1]), 3)     # 3 cos(0.75)
-    (4, 2.195)
-    """
+def cut(record: Record, window: float = 0.25, hold: str = "zero") -> Windows:
+    """Cut a record into windows of a length [s], with the state at their starts."""
     instance("record", record, Record, "from dfc.read_record(...) or dfc.Record(t, u, x)")
     window = positive("window", window, unit="s")
     if hold not in ("zero", "first"):

@@ -22,16 +22,12 @@ from dryfric_control.checks import one_of
 from dryfric_control.compiled import axis_step
 from dryfric_control.export.objects import ROOM, Exported, Signal, exported
 from dryfric_control.export.translate import MOST_PASSES, SHIFT, Function, Translator
-from dryfric_control.store.files import replacing
+from dryfric_control.store.files import existing_folder, named, replacing
 from dryfric_control.store.saved import write_document
 from dryfric_control.text import WIDTH
 
 #: Types of a number, and of a position that goes in or comes out.
-PRECISIONS = {
-    "double": ("double", "double"),
-    "single": ("float", "float"),
-    "mixed": ("float", "double"),
-}
+PRECISIONS = {"double": ("double",) * 2, "single": ("float",) * 2, "mixed": ("float", "double")}
 #: Samples after which single precision looks whether the origin of the positions is still near.
 _LOOKS = 64
 #: The time at rest that grew by one sample, in several steps, is off by less than this share.
@@ -64,8 +60,7 @@ def export_c(
     folder : str or path
         Where to write; created if it does not exist.  One folder per object.
     precision : {"double", "single", "mixed"}, optional
-        Type of the numbers: `double`; `float`; `float` with positions given and returned as
-        `double`.
+        Type of the numbers: `double`; `float`; `float` and `double` for positions outside.
     name : str, optional
         Prefix of every C name and of the files.  Default: the name of the axis, blanks and
         the like as ``_``, followed by ``_observer``, ``_filter`` or ``_compensation``.
@@ -79,19 +74,11 @@ def export_c(
 
     Notes
     -----
-    The C code is translated from the Python source of the compiled kernels, function by
-    function, with the same operations in the same order.  Compiled without contraction of
-    products and sums (``-ffp-contract=off``), in double precision, it returns the bits of
-    the kernels where both call the same mathematical library.
-
-    Nothing is allocated, no variable is global, no function calls itself, and every loop is
-    bounded.  The switched observer decides by ``switching="reading"``, see `pi_observer`.  A drive
-    late by more than 4096 samples, or an effect of yours whose law has no C, is refused.
-
-    In single precision tolerances are 1e-4 in place of 3e-9.  Time and position are counted from
-    an origin that follows the axis: the motion is as accurate after days and at many metres as at
-    the start.  Positions themselves have the 24 bits of a `float`, 0.2 um at 5 m; take "mixed"
-    where that is too coarse.
+    The C code is translated from the Python source of the compiled kernels, with the same
+    operations in the same order.  Nothing is allocated, no variable is global, no function calls
+    itself, and every loop is bounded.  The switched observer decides by ``switching="reading"``,
+    see `pi_observer`.  In single precision tolerances are 1e-4 in place of 3e-9.  A drive late by
+    more than 4096 samples, or an effect of yours whose law has no C, is refused.
 
     Examples
     --------
@@ -119,38 +106,26 @@ def export_c(
     for path in texts:
         if path.is_dir():
             raise ValueError(f"{str(path)!r} is a folder, and a file of that name is written")
-    try:
-        with ExitStack() as stack:
-            for path, text in texts.items():
-                part = stack.enter_context(replacing(path))
-                if text is None:
-                    write_document(part, "export", code.numbers())
-                else:
-                    part.write_text(text, encoding="utf-8")
-    except OSError as problem:
-        raise ValueError(
-            f"folder {str(folder)!r} cannot be written ({problem.strerror}): name another"
-        ) from None
+    with named(f"folder {str(folder)!r}"), ExitStack() as stack:
+        for path, text in texts.items():
+            part = stack.enter_context(replacing(path))
+            if text is None:
+                write_document(part, "export", code.numbers())
+            else:
+                part.write_text(text, encoding="utf-8")
     return list(texts)
-
-
-def existing_folder(folder: str | os.PathLike[str]) -> Path:
-    """The folder, made if it is not there."""
-    try:
-        where = Path(folder)
-        where.mkdir(parents=True, exist_ok=True)
-    except TypeError:
-        raise ValueError(f"folder must be a path, got {folder!r}") from None
-    except OSError as problem:
-        raise ValueError(
-            f"folder {str(folder)!r} cannot be made ({problem.strerror}): name another"
-        ) from None
-    return where
 
 
 def source_text(name: str) -> str:
     """Text of a file in the folder `sources`."""
     return resources.files(__package__).joinpath("sources", name).read_text(encoding="utf-8")
+
+
+def _comment(text: str) -> str:
+    """Text as a C comment."""
+    safe = text.replace("*/", "* /").replace("/*", "/ *").splitlines()
+    lines = [line for row in safe for line in (textwrap.wrap(row, WIDTH) or [""])]
+    return "/*\n" + "\n".join(f" * {line}".rstrip() for line in lines) + "\n */"
 
 
 class Code:
@@ -183,29 +158,31 @@ class Code:
             undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
             keep_trailing_newline=True,
         )  # fmt: skip
-        environment.filters |= {
-            "number": self.out.number,
-            "quoted": quoteattr,
-            "wrap": textwrap.fill,
-        }
+        environment.filters.update(
+            number=self.out.number, quoted=quoteattr, wrap=textwrap.fill, comment=_comment
+        )
         given = {"code": self, "made": self.made, "n": self.made.name, "room": ROOM}
         return environment.from_string(source_text(template)).render(given | values)
 
     @cached_property
     def header(self) -> str:
-        """The header."""
-        return self.render("object.h.jinja")
+        """Types and functions, with units, ranges and the certificate."""
+        axis = self.made.axis.effective()
+        low, high = axis.travel or (-math.inf, math.inf)
+        middle = 0.5 * (max(low, -1e9) + min(high, 1e9))
+        level = max(float(axis.coulomb(middle, s)) for s in (1, -1))
+        ranges = {"low": low, "high": high, "level": level, "units": axis.units}
+        return self.render("object.h.jinja", version=__version__, **ranges)
 
     @cached_property
     def source(self) -> str:
-        """The source."""
+        """All code and constants."""
         return self.render("object.c.jinja", shift=SHIFT, looks=_LOOKS, rounded=_ROUNDED)
 
     def readme(self) -> str:
         """How to compile and call it, what a sample costs, what it takes of memory."""
-        return self.render(
-            "README.md.jinja", version=__version__, passes=MOST_PASSES, operations=_OPERATIONS
-        )
+        given = {"version": __version__, "passes": MOST_PASSES, "operations": _OPERATIONS}
+        return self.render("README.md.jinja", **given)
 
     def type(self, signal: Signal) -> str:
         """Type of a signal at the interface."""
@@ -261,10 +238,9 @@ class Code:
         """Name, type and numbers of the constant arrays that the functions read."""
         for name, array in self.made.tables.items():
             if f"dfc_{name}" in self.functions or (self.made.moves and name == "numbers"):
-                if array.dtype.kind == "i":
-                    yield name, "int32_t", [str(int(v)) for v in array.ravel()]
-                else:
-                    yield name, "real", [self.out.number(v) for v in array.ravel()]
+                whole = array.dtype.kind == "i"
+                kind, text = ("int32_t", str) if whole else ("real", self.out.number)
+                yield name, kind, [text(v) for v in array.ravel().tolist()]
 
     @property
     def state_size(self) -> int:
@@ -273,7 +249,7 @@ class Code:
         state = size * self.made.memory.size
         state += -state % 8 + 8
         if self.single:
-            state += 8 + (4 if self.place == "float" else 8)
+            state += 12 if self.place == "float" else 16
         state += size * (self.rests + len(self.shifts))
         if self.made.moves:
             state += size * 3 * ROOM + 16
@@ -284,30 +260,6 @@ class Code:
         """Bytes of the constant arrays."""
         sizes = {"real": 4 if self.single else 8, "int32_t": 4}
         return sum(len(values) * sizes[kind] for _, kind, values in self.tables())
-
-    def comment(self) -> str:
-        """Comment at the head of the header: units, ranges, certificate."""
-        made = self.made
-        numbers = self.real if self.place == self.real else f"{self.real}, positions {self.place}"
-        axis = made.axis.effective()
-        length, force = axis.units
-        low, high = axis.travel or (-math.inf, math.inf)
-        rows = [f"{made.name}: {made.kind}, from dryfric-control {__version__}", ""]
-        rows += [f"Sampling time {made.dt:.9g} s; numbers are {numbers}.", ""]
-        rows += ["Inputs, finite numbers:"]
-        rows += [f"  {s.name} [{s.unit}]: {s.meaning}" for s in made.inputs]
-        rows += ["Outputs:"]
-        rows += [f"  {s.name} [{s.unit}]: {s.meaning}" for s in made.outputs]
-        rows += ["Ranges:"]
-        rows += [f"  position {low:.6g} to {high:.6g} {length} (beyond, the levels of the ends)"]
-        middle = 0.5 * (max(low, -1e9) + min(high, 1e9))
-        level = max(float(axis.coulomb(middle, s)) for s in (1, -1))
-        rows += [f"  Coulomb level {level:.6g} {force} in the middle of it"]
-        rows += ["  mode -1, 0 or 1", ""]
-        rows += made.promise.splitlines()
-        safe = [row.replace("*/", "* /").replace("/*", "/ *") for row in rows]
-        lines = [line for row in safe for line in (textwrap.wrap(row, WIDTH) or [""])]
-        return "/*\n" + "\n".join(f" * {line}".rstrip() for line in lines) + "\n */"
 
     def _shift(self, variable: str, period: float) -> str:
         """Time or origin, less whole periods: the part as a fraction of 2^64."""

@@ -10,6 +10,16 @@ from __future__ import annotations
 from dryfric_control.compiled import axis_step, compensation
 
 
+def smaller(a, b):
+    """The smaller of two numbers."""
+    return b if b < a else a
+
+
+def larger(a, b):
+    """The larger of two numbers."""
+    return b if b > a else a
+
+
 def compensate(law, memory, t, xref, vref, aref, y, out):
     """One sample of the compensated controller: drive, and the part that is friction."""
     out[0] = compensation.step(law, memory, xref, vref, aref, y)

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -20,14 +21,11 @@ from typing import Any
 import numpy as np
 
 from dryfric_control._version import __version__
-from dryfric_control.checks import file_path
 from dryfric_control.compiled import axis_step
 from dryfric_control.export.c_code import Code, source_text
 from dryfric_control.export.objects import Exported, exported
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.effect import Effect
-from dryfric_control.model.friction import CoulombMap, Stribeck
-from dryfric_control.store.files import replacing
+from dryfric_control.store.files import file_path, named, write_file
 from dryfric_control.text import rotary_words
 from dryfric_control.units import powers
 
@@ -36,22 +34,35 @@ _SYSTEMS = {"Linux": ("linux", "so"), "Darwin": ("darwin", "dylib"), "Windows": 
 _MACHINES = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
 _OLD = {"linux": "linux64", "darwin": "darwin64", "windows": "win64"}
 _LEAST = 1e-300
+#: Parameters of every axis: name, unit, meaning, least value.
+_BASE = (
+    ("mass", "kg", "moving mass", _LEAST),
+    ("viscous", "N s/m", "viscous coefficient", 0.0),
+    ("stick_speed", "m/s", "speed below which the axis counts as motionless", _LEAST),
+    ("stick_rate", "1/s", "decay rate of the velocity while stuck", _LEAST),
+)
+_PEAK = (("excess", "1", "height", 0.0), ("speed", "m/s", "width", _LEAST))
+
+#: A number of an axis, and what a parameter makes it: `factor * value`, or `factor / value` if so.
+_Place = tuple[int, float, bool]
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """A parameter of an axis, and the numbers of the axis that it sets.
-
-    A number is ``factor * value``, or ``factor / value`` where it is a reciprocal.
-    """
+class Variable:
+    """A variable of the model description."""
 
     name: str
     unit: str
     meaning: str
-    value: float
-    low: float
-    high: float
-    places: tuple[tuple[int, float, bool], ...]
+    causality: str  # "input", "output", "parameter"
+    start: float | None = None
+    low: float = -math.inf
+    high: float = math.inf
+    whole: bool = False
+    fixed: bool = False  # set before the start alone
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "meaning", rotary_words(self.meaning, self.unit))
 
 
 def export_fmu(
@@ -85,16 +96,8 @@ def export_fmu(
 
     Notes
     -----
-    It needs a C compiler, and the package ``fmpy`` for the FMI headers.
-
-    The plant holds its input over a communication step of any length and locates its switches
-    inside it; longer steps than `dt` are cut into equal pieces.  With a delay of the drive a
-    step is a whole number of samples.  Parameters that set numbers of the axis in proportion can
-    be set.
-
-    Observer and compensation take a sample at every multiple of their `dt` that a step
-    begins at or contains, with the inputs of that step.  In a loop they go first: readings
-    to the controller, its step, its drive to the plant, the plant's step.
+    It needs a C compiler, and the package ``fmpy`` for the FMI headers.  Longer steps of the plant
+    than `dt` are cut into equal pieces; what sets numbers of it in proportion is a parameter.
 
     Examples
     --------
@@ -120,25 +123,21 @@ def export_fmu(
         raise ValueError(f"path {str(path)!r} is in no folder that there is: make it first")
     model = Model(made, version)
     content = model.zipped()
-    try:
-        with replacing(target) as part:
-            part.write_bytes(content)
-    except OSError as problem:
-        raise ValueError(
-            f"path {str(path)!r} cannot be written ({problem.strerror}): name another"
-        ) from None
+    with named(f"path {str(path)!r}"):
+        write_file(target, content)
     return target
 
 
-def parameters(axis: FrictionAxis, dt: float) -> list[Parameter]:
-    """Parameters that set numbers of an axis in proportion, found by changing each."""
+def settings(axis: FrictionAxis, dt: float) -> list[tuple[Variable, list[_Place]]]:
+    """Parameters that set numbers of an axis in proportion, found by changing each, and those."""
     base = axis.arrays(dt).numbers
     # The code is written for these; of several shortest lengths each sets the least.
     fixed = {axis_step.DELAY, axis_step.LAG}
     if sum(math.isfinite(min(e.shortest_length, e.shortest_time)) for e in axis.effects) > 1:
         fixed |= {axis_step.SHORT_WAY, axis_step.SHORT_TIME}
     found = []
-    for name, unit, meaning, value, low, high, changed in _candidates(axis):
+    for one, changed in _parameters(axis):
+        value = one.start or 0.0
         moved = value * 1.01 if value else 1e-3
         try:
             other = changed(moved).arrays(dt).numbers
@@ -147,18 +146,15 @@ def parameters(axis: FrictionAxis, dt: float) -> list[Parameter]:
         if other.size != base.size:
             continue
         touched = np.flatnonzero(base != other).tolist()
-        places = [_place(i, value, moved, base[i], other[i]) for i in touched if i not in fixed]
-        if not places or len(places) < len(touched) or None in places:
-            continue
-        known = tuple(place for place in places if place is not None)
-        least = max(low, _LEAST) if any(inverse for _, _, inverse in known) else low
-        found.append(Parameter(name, unit, meaning, value, least, high, known))
+        places = [_place(i, value, moved, base[i], other[i]) for i in touched]
+        known = [place for place in places if place is not None]
+        if known and len(known) == len(touched) and fixed.isdisjoint(touched):
+            least = max(one.low, _LEAST) if any(inverse for _, _, inverse in known) else one.low
+            found.append((replace(one, low=least), known))
     return found
 
 
-def _place(
-    place: int, value: float, moved: float, before: float, after: float
-) -> tuple[int, float, bool] | None:
+def _place(place: int, value: float, moved: float, before: float, after: float) -> _Place | None:
     """How a number follows a parameter: in proportion, as a reciprocal, or neither."""
     if math.isclose(before * moved, after * value, rel_tol=1e-9, abs_tol=_LEAST):
         return place, _exact(after / moved), False
@@ -172,79 +168,44 @@ def _exact(factor: float) -> float:
     return 1.0 if math.isclose(factor, 1.0, rel_tol=1e-12) else factor
 
 
-def _candidates(axis: FrictionAxis) -> list[tuple[Any, ...]]:
-    """Name, unit, meaning, value, bounds and changed axis of every parameter."""
-    rows: list[tuple[Any, ...]] = []
+def _parameters(axis: FrictionAxis) -> Iterator[tuple[Variable, Any]]:
+    """Every parameter of an axis, and the axis as a function of its value."""
 
-    def base(name: str, unit: str, meaning: str, least: float) -> None:
-        value = getattr(axis, name)
-        rows.append(
-            (name, axis.unit(unit), meaning, value, least, math.inf,
-             lambda v: axis.replace(**{name: v}))
-        )  # fmt: skip
+    def own(name: str, unit: str, meaning: str, value: float, low: float) -> Variable:
+        return Variable(name, axis.unit(unit), meaning, "parameter", value, low)
 
-    base("mass", "kg", "moving mass", _LEAST)
-    base("viscous", "N s/m", "viscous coefficient", 0.0)
-    base("stick_speed", "m/s", "speed below which the axis counts as motionless", _LEAST)
-    base("stick_rate", "1/s", "decay rate of the velocity while stuck", _LEAST)
+    for name, unit, meaning, least in _BASE:
+        yield (
+            own(name, unit, meaning, getattr(axis, name), least),
+            lambda v, name=name: axis.replace(**{name: v}),
+        )
     for side in ("plus", "minus"):
-        for i, c in enumerate(getattr(axis.coulomb, side)):
-            rows.append(
-                (f"coulomb_{side}_{i}", axis.unit("N" if i == 0 else f"N/m^{i}"),
-                 f"Coulomb level, coefficient of x^{i}", c, -math.inf if i else 0.0, math.inf,
-                 lambda v, side=side, i=i: axis.replace(coulomb=_with(axis.coulomb, side, i, v)))
-            )  # fmt: skip
-    if axis.stribeck is not None:
-        peak = axis.stribeck
-        rows.append(
-            ("stribeck_excess", "1", "height of the Stribeck peak", peak.excess, 0.0, math.inf,
-             lambda v: axis.replace(stribeck=Stribeck(v, peak.speed)))
-        )  # fmt: skip
-        rows.append(
-            ("stribeck_speed", axis.unit("m/s"), "width of the Stribeck peak", peak.speed, _LEAST,
-             math.inf, lambda v: axis.replace(stribeck=Stribeck(peak.excess, v)))
-        )  # fmt: skip
+        for i, c in enumerate(levels := getattr(axis.coulomb, side)):
+            unit, least = (f"N/m^{i}", -math.inf) if i else ("N", 0.0)
+            others = levels[:i], levels[i + 1 :]
+            yield (
+                own(f"coulomb_{side}_{i}", unit, f"Coulomb level, coefficient of x^{i}", c, least),
+                lambda v, side=side, others=others: axis.replace(
+                    coulomb=replace(axis.coulomb, **{side: (*others[0], v, *others[1])})
+                ),
+            )
+    if (peak := axis.stribeck) is not None:
+        for name, unit, what, least in _PEAK:
+            words = f"{what} of the Stribeck peak"
+            yield (
+                own(f"stribeck_{name}", unit, words, getattr(peak, name), least),
+                lambda v, name=name: axis.replace(stribeck=replace(peak, **{name: v})),
+            )
     for slug, effect in axis.named_effects().items():
-        if effect not in axis.effects:
-            continue
         units = type(effect).units(axis.units)
-        for item in fields(effect):
-            low, high = item.metadata["bounds"]
-            rows.append(
-                (f"{slug}_{item.name}", units[item.name], item.metadata["doc"],
-                 getattr(effect, item.name), low, high,
-                 lambda v, e=effect, n=item.name: axis.replace(effects=_altered(axis, e, n, v)))
-            )  # fmt: skip
-    return rows
-
-
-def _with(levels: CoulombMap, side: str, i: int, value: float) -> CoulombMap:
-    """Coulomb levels with one coefficient changed."""
-    one = getattr(levels, side)
-    return replace(levels, **{side: (*one[:i], value, *one[i + 1 :])})
-
-
-def _altered(axis: FrictionAxis, effect: Effect, name: str, value: float) -> list[Effect]:
-    """Effects of an axis with one parameter of one of them changed."""
-    return [replace(e, **{name: value}) if e is effect else e for e in axis.effects]
-
-
-@dataclass(frozen=True)
-class Variable:
-    """A variable of the model description."""
-
-    name: str
-    unit: str
-    meaning: str
-    causality: str  # "input", "output", "parameter"
-    start: float | None = None
-    low: float = -math.inf
-    high: float = math.inf
-    whole: bool = False
-    fixed: bool = False  # set before the start alone
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "meaning", rotary_words(self.meaning, self.unit))
+        for item in fields(effect) if effect in axis.effects else ():
+            more = "parameter", getattr(effect, item.name), *item.metadata["bounds"]
+            yield (
+                Variable(f"{slug}_{item.name}", units[item.name], item.metadata["doc"], *more),
+                lambda v, e=effect, n=item.name: axis.replace(
+                    effects=[replace(o, **{n: v}) if o is e else o for o in axis.effects]
+                ),
+            )
 
 
 class Model:
@@ -253,7 +214,7 @@ class Model:
     def __init__(self, made: Exported, version: str) -> None:
         self.made, self.version, self.major = made, version, version[0]
         self.code = Code(made)
-        self.parameters = parameters(made.axis.effective(), made.dt) if made.moves else []
+        self.settings = settings(made.axis.effective(), made.dt) if made.moves else []
         self.variables = self._variables()
         self.model = self._model()
         text = self.code.source + self.model + version
@@ -278,33 +239,23 @@ class Model:
             Variable(s.name, s.unit, s.meaning, "parameter", 0.0, fixed=True)
             for s, _ in made.starts
         ]
-        rows += [
-            Variable(p.name, p.unit, p.meaning, "parameter", p.value, p.low, p.high)
-            for p in self.parameters
-        ]
-        return rows
+        return rows + [variable for variable, _ in self.settings]
 
     def _model(self) -> str:
         """The model behind the interface: its variables, start and step."""
         made = self.made
         rows = [
             (*place, len(made.starts) + i)
-            for i, parameter in enumerate(self.parameters)
-            for place in parameter.places
+            for i, (_, places) in enumerate(self.settings)
+            for place in places
         ]
         numbers = made.tables.get("numbers", np.zeros(0))
         return self.code.render(
             "model.c.jinja",
-            name=made.name,
-            moves=made.moves,
             late=bool(made.moves and numbers[axis_step.DELAY] > 0.0),
-            dt=made.dt,
             size=numbers.size,
-            inputs=made.inputs,
-            outputs=made.outputs,
             settings=[v for v in self.variables if v.causality == "parameter"],
             first=1 + len(made.inputs) + len(made.outputs) + made.moves,
-            starts=len(made.starts),
             rows=rows,
         )
 
@@ -326,7 +277,8 @@ class Model:
         content: dict[str, bytes] = {"modelDescription.xml": self.description().encode("utf-8")}
         content |= {f"sources/{name}": text.encode("utf-8") for name, text in self.files.items()}
         if self.major == "3":
-            content["sources/buildDescription.xml"] = self._build_description().encode("utf-8")
+            build = self.code.render("buildDescription.xml.jinja", version=self.version)
+            content["sources/buildDescription.xml"] = build.encode("utf-8")
         content["documentation/README.md"] = self.code.readme().encode("utf-8")
         content[f"binaries/{binary}"] = library
         buffer = io.BytesIO()
@@ -359,9 +311,7 @@ class Model:
             ]  # fmt: skip
             done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
             if done.returncode:
-                raise ValueError(
-                    f"{compiler} refuses the C of the FMU: {done.stderr.strip()[-600:]}"
-                )
+                raise ValueError(f"{compiler} refuses the C: {done.stderr.strip()[-600:]}")
             return f"{place}/{name}", (Path(folder) / name).read_bytes()
 
     def description(self) -> str:
@@ -379,29 +329,14 @@ class Model:
             outputs=[i for i, v in enumerate(self.variables, 1) if v.causality == "output"],
         )
 
-    def _build_description(self) -> str:
-        """sources/buildDescription.xml of version 3."""
-        return (
-            '<?xml version="1.0" encoding="UTF-8"?>\n'
-            f'<fmiBuildDescription fmiVersion="{self.version}">\n'
-            f'  <BuildConfiguration modelIdentifier="{self.made.name}">\n'
-            '    <SourceFileSet language="C99" compilerOptions="-ffp-contract=off">\n'
-            f'      <SourceFile name="fmi{self.major}.c"/>\n'
-            "    </SourceFileSet>\n"
-            "  </BuildConfiguration>\n</fmiBuildDescription>\n"
-        )
-
 
 def _base_unit(unit: str, rotary: bool) -> str:
     """A unit in SI base units."""
     force, length, time = powers(unit)
-    if not (force or length or time):
-        return ""
-    if rotary:
-        return ""  # the radian stands for the length: the name alone is safe
     exponents = {"kg": force, "m": force + length, "s": time - 2 * force}
     inner = " ".join(f'{name}="{power}"' for name, power in exponents.items() if power)
-    return f"<BaseUnit {inner}/>"
+    # On a rotary axis the radian is the length: the name alone is safe.
+    return f"<BaseUnit {inner}/>" if inner and not rotary else ""
 
 
 def fmi_headers() -> Path:

@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,18 +18,8 @@ from dryfric_control.compensation import load_compensation
 from dryfric_control.compensation.design import Compensation
 from dryfric_control.compiled import axis_step, compensation, elastic, hybrid_filter, observer
 from dryfric_control.export import entries
-from dryfric_control.export.translate import (
-    BOOL,
-    KEYWORDS,
-    F,
-    Function,
-    Kind,
-    NotInC,
-    Pointer,
-    Record,
-    Table,
-    Translator,
-)
+from dryfric_control.export import translate as c
+from dryfric_control.export.translate import Function, Translator
 from dryfric_control.model.axis import FrictionAxis, check_pace
 from dryfric_control.model.effects.effect import Effect, law_address
 from dryfric_control.observer import design as designs
@@ -46,7 +36,7 @@ ROOM = 16
 #: Longest line of delayed drives, in samples.
 MOST_DELAY = 4096
 #: Words of C that a name must not be.
-_TAKEN = KEYWORDS | {"main", "real"}
+_TAKEN = c.KEYWORDS | {"main", "real"}
 
 
 @dataclass(frozen=True)
@@ -71,19 +61,19 @@ class Exported:
     kind: str  # in words
     axis: FrictionAxis  # that it is or knows
     dt: float  # [s]
+    returns: str  # what a step returns, and of which instant
+    entry: Callable[..., Any]
     tables: dict[str, Array]  # constant arrays
     memory: Array  # before the first sample
-    starts: tuple[tuple[Signal, int], ...]  # numbers to start from, and their places in the memory
     inputs: tuple[Signal, ...]
     outputs: tuple[Signal, ...]
     promise: str  # the certificate in words
-    returns: str  # what a step returns, and of which instant
-    entry: Callable[..., Any]
-    axes: tuple[FrictionAxis, ...]
     #: Positions in the memory, and their unit; the first follows the axis.
     places: tuple[tuple[int, float], ...]
     rest: int  # place of the time at rest in the memory
+    starts: tuple[tuple[Signal, int], ...] = ()  # numbers to start from, places in the memory
     clock: int | None = None  # place of the number of samples, where the kernel counts
+    more: tuple[FrictionAxis, ...] = ()  # axes that it knows beside
 
     @property
     def moves(self) -> bool:
@@ -94,8 +84,7 @@ class Exported:
     def grid(self) -> float:
         """Step in which the origin of positions moves in single precision, a power of two.
 
-        It resolves a sixteenth of a sample's way at the stick speed, a millionth of the shortest
-        period.
+        A sixteenth of a sample's way at the stick speed, a millionth of the shortest period.
         """
         short = [self.axis.effective().stick_speed * self.dt * 2.0**20]
         short += [2.0**4 * length for _, length in self.periods.values()]
@@ -121,55 +110,53 @@ class Exported:
         """Kinds of effects that have a law."""
         return {
             type(effect)
-            for axis in self.axes
+            for axis in (self.axis, *self.more)
             for effect in axis.effective().effects
             if effect.action in ("input", "force", "friction", "reading")
         }
 
     def translated(self, single: bool) -> tuple[Translator, Function, Function | None]:
         """The kernels in C: all of them, that of one sample, and that which only looks."""
-        laws: dict[int, tuple[str, Any]] = {
-            axis_step.rigid_task().address: ("rigid", axis_step._rigid_task)
-        }
+        laws = {axis_step.rigid_task().address: ("rigid", axis_step._rigid_task)}
         laws |= {law_address(kind): (kind.slug, kind.law) for kind in self._effects()}
         if self.moves and self.tables["integers"][axis_step.STRUCTURE]:
             laws[elastic.inner_task().address] = ("inner", elastic._inner_task)
         out = Translator(laws, single, self.periods)
         try:
             return out, *self._functions(out)
-        except NotInC as problem:
+        except c.NotInC as problem:
             raise ValueError(
                 f"{self.name} has no C: {problem}; a law may use numbers, its arguments, if, and "
                 "the functions of math: rewrite it, or export the axis without that effect"
             ) from None
 
     def _functions(self, out: Translator) -> tuple[Function, Function | None]:
-        memory, table = Pointer("p"), {n: self._table(n) for n in self.tables}
+        memory, table = c.Pointer("p"), {n: self._table(n) for n in self.tables}
         if self.moves:
             places = [axis_step.DELAY, axis_step.LAG]
             known = tuple((i, float(self.tables["numbers"][i])) for i in places)
-            numbers = Pointer("p", "f", True, known)
-            plant = (numbers, table["integers"], memory, F, F, F)
-            events = (Pointer("p"), Pointer("p", "i"))
-            step = out.function(entries.move, (*plant, BOOL, *events, memory), "dfc_sample")
+            numbers = c.Pointer("p", "f", True, known)
+            plant = (numbers, table["integers"], memory, c.F, c.F, c.F)
+            events = (c.Pointer("p"), c.Pointer("p", "i"))
+            step = out.function(entries.move, (*plant, c.BOOL, *events, memory), "dfc_sample")
             return step, out.function(entries.look, (*plant, memory), "dfc_look")
-        given: tuple[Kind, ...] = tuple(table.values())
+        given: tuple[c.Kind, ...] = tuple(table.values())
         if self.entry is entries.compensate:
-            given = (Record("Law", compensation.Law._fields, given),)
-        signals = (F,) * (1 + len(self.inputs))
+            given = (c.Record("Law", compensation.Law._fields, given),)
+        signals = (c.F,) * (1 + len(self.inputs))
         return out.function(self.entry, (*given, memory, *signals, memory), "dfc_sample"), None
 
-    def _table(self, name: str) -> Table:
+    def _table(self, name: str) -> c.Table:
         array = self.tables[name]
         element = "i" if array.dtype.kind == "i" else "f"
         values = tuple(array.ravel().tolist())
-        return Table("k", f"dfc_{name}", element, array.shape, values)
+        return c.Table("k", f"dfc_{name}", element, array.shape, values)
 
 
 def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Exported:
     """An object as it is exported."""
-    make = next((make for kind, make in _MAKERS.items() if isinstance(obj, kind)), None)
-    if make is None:
+    maker = next((made for kind, made in _MAKERS.items() if isinstance(obj, kind)), None)
+    if maker is None:
         raise ValueError(
             "obj must be a FrictionAxis, an ObserverDesign, a HybridFilter or a Compensation, "
             f"got {type(obj).__name__}"
@@ -177,8 +164,7 @@ def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Expo
     plant = isinstance(obj, FrictionAxis)
     if not plant and dt is not None and dt != obj.dt:
         raise ValueError(
-            f"dt is for an axis: this {type(obj).__name__} was made for dt = {obj.dt:g} s, "
-            f"got {dt!r}"
+            f"dt is for an axis: {type(obj).__name__} was made for dt = {obj.dt:g} s, got {dt!r}"
         )
     step = positive("dt", 1e-3 if dt is None else dt, unit="s") if plant else obj.dt
     # Before any array is made: a delay in the wrong unit would fill the memory.
@@ -189,10 +175,12 @@ def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Expo
             f"the drive is late by {delay:g} s, {delay / step:.4g} samples of dt = {step:g} s; "
             f"the exported memory holds {MOST_DELAY}: check the units of delay and dt"
         )
-    made = make(obj, step)
+    tail, kind, returns, entry, parts = maker
+    known = obj if plant else obj.axis
     # An axis is named for people: what C does not take becomes "_".
-    free = re.sub(r"[^A-Za-z0-9_]+", "_", made.name) if name is None else name
-    return replace(made, name=_identifier(free, name is None))
+    free = re.sub(r"[^A-Za-z0-9_]+", "_", known.name + tail) if name is None else name
+    own = _identifier(free, name is None)
+    return Exported(own, kind, known, step, returns, entry, **parts(obj, step))
 
 
 def read_exportable(path: str | os.PathLike[str]) -> Any:
@@ -210,8 +198,7 @@ def _identifier(name: Any, of_axis: bool) -> str:
     mend = 'pass name="..."' + (" or axis.replace(name=...)" if of_axis else "")
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name):
         raise ValueError(
-            f"name {name!r} is no C identifier (a letter, then letters, digits and _, at most 41): "
-            f"{mend}"
+            f"name {name!r} is no C identifier (letter, letters, digits and _, at most 41): {mend}"
         )
     if name in _TAKEN or name.startswith("dfc_"):
         raise ValueError(f"name {name!r} is taken in C, or by the generated code: {mend}")
@@ -236,140 +223,120 @@ def _drive_and_reading(axis: FrictionAxis) -> tuple[Signal, ...]:
     )
 
 
-def _of_axis(axis: FrictionAxis, dt: float) -> Exported:
+def _of_axis(axis: FrictionAxis, dt: float) -> dict[str, Any]:
     check_pace(axis, dt)
     arrays = axis.arrays(dt)
     length, force = axis.units
-    acting = axis.effective()
-    promise = "The switched model of the package, its switches located inside the samples:\n"
-    return Exported(
-        axis.name,
-        "axis with dry friction",
-        axis,
-        dt,
-        {"numbers": arrays.numbers, "integers": arrays.integers},
-        np.zeros(arrays.memory),
-        (
+    words = "The switched model of the package, its switches located inside the samples:\n"
+    return {
+        "tables": {"numbers": arrays.numbers, "integers": arrays.integers},
+        "memory": np.zeros(arrays.memory),
+        "starts": (
             (Signal("x0", length, "position at the start", place=True), axis_step.X),
             (Signal("v0", f"{length}/s", "velocity at the start"), axis_step.V),
         ),
-        (Signal("u", force, "drive force, held to the next sample"),),
-        (
+        "inputs": (Signal("u", force, "drive force, held to the next sample"),),
+        "outputs": (
             Signal("x", length, "position, as the encoder reads it", place=True),
             Signal("v", f"{length}/s", "velocity"),
             Signal("friction", force, "friction force"),
             Signal("mode", "1", "0 stuck, +1 and -1 sliding", True),
         ),
-        promise + acting.describe(),
-        "A step returns the axis at the start of the sample, under the new input; then it moves.",
-        entries.move,
-        (axis,),
-        ((axis_step.X, 1.0),),
-        axis_step.REST,
+        "promise": words + axis.effective().describe(),
+        "places": ((axis_step.X, 1.0),),
+        "rest": axis_step.REST,
+    }
+
+
+def _of_observer(design: ObserverDesign, dt: float) -> dict[str, Any]:
+    length, force = design.axis.units
+    return {
+        "tables": tables(design)._asdict(),
+        "memory": first_memory(design),
+        "starts": (
+            (Signal("xhat0", length, "first estimate of the position", place=True), observer.XHAT),
+            (Signal("vhat0", f"{length}/s", "first estimate of the velocity"), observer.VHAT),
+            (Signal("what0", force, "first integral term"), observer.WHAT),
+        ),
+        "inputs": _drive_and_reading(design.axis),
+        "outputs": _estimates(design.axis),
+        "promise": design.summary(),
+        "places": ((observer.XHAT, 1.0), (observer.PLACE, 1.0)),
+        "rest": observer.REST,
+    }
+
+
+def _of_filter(made: HybridFilter, dt: float) -> dict[str, Any]:
+    state = observer.LINE + int(made.tables.axis_integers[axis_step.N_HISTORY])
+    first, stride = state + hybrid_filter.BELIEFS + hybrid_filter.X, hybrid_filter.GAUSSIAN
+    quantum = float(made.tables.numbers[hybrid_filter.QUANTUM])
+    cells = [(first + mode * stride, quantum) for mode in range(3)]
+    speed, words = f"{made.axis.units[0]}/s", "logarithm of the probability of the reading"
+    more = (
+        Signal("vhat_sd", speed, "standard deviation of vhat"),
+        Signal("log_likelihood", "1", words),
     )
+    return {
+        "tables": made.tables._asdict(),
+        "memory": np.zeros(made.memory_size),
+        "inputs": _drive_and_reading(made.axis),
+        "outputs": (*_estimates(made.axis), *more),
+        "promise": "A filter of three modes carries no certificate: it states its own standard "
+        "deviation.",
+        "places": ((observer.XHAT, 1.0), (state + hybrid_filter.READING, 1.0), *cells),
+        "rest": observer.REST,
+    }
+
+
+def _of_compensation(comp: Compensation, dt: float) -> dict[str, Any]:
+    length, force = comp.axis.units
+    law = comp.controller.law
+    lead = int(law.numbers[compensation.LEAD])
+    watch = compensation.LINE + compensation.STRIDE * lead  # the observer's memory
+    # The observer of a learning law works on the error, the others on the position.
+    learned = law.numbers[compensation.SOURCE] == compensation.LEARNED
+    places = (
+        *(compensation.AHEAD, *(() if learned else (compensation.INNER,))),
+        *(compensation.LINE + compensation.STRIDE * i for i in range(lead)),
+        *(watch + observer.XHAT, watch + observer.PLACE),
+    )
+    return {
+        "tables": {n: np.asarray(array) for n, array in law._asdict().items()},
+        "memory": comp.controller.memory(),
+        "inputs": (
+            Signal("xref", length, f"reference of {comp.lead} samples later", place=True),
+            Signal("vref", f"{length}/s", "its velocity"),
+            Signal("aref", f"{length}/s^2", "its acceleration"),
+            Signal("y", length, "position read at this sample", place=True),
+        ),
+        "outputs": (
+            Signal("u", force, "drive force to hold until the next sample"),
+            Signal("friction", force, "its part that compensates friction"),
+        ),
+        "promise": comp.summary(),
+        "more": (comp.rigid_axis, *([comp.observer.axis] if comp.observer is not None else [])),
+        "places": tuple((place, 1.0) for place in places),
+        "rest": watch + observer.REST,
+        "clock": compensation.SAMPLES,
+    }
 
 
 _ESTIMATED = (
     "A step returns the estimate at the instant of the reading, under the drive from then on; "
     "then it predicts the next sample."
 )
-
-
-def _of_observer(design: ObserverDesign, dt: float) -> Exported:
-    length, force = design.axis.units
-    return Exported(
-        f"{design.axis.name}_observer",
-        "switched PI observer",
-        design.axis,
-        dt,
-        tables(design)._asdict(),
-        first_memory(design),
-        (
-            (Signal("xhat0", length, "first estimate of the position", place=True), observer.XHAT),
-            (Signal("vhat0", f"{length}/s", "first estimate of the velocity"), observer.VHAT),
-            (Signal("what0", force, "first integral term"), observer.WHAT),
-        ),
-        _drive_and_reading(design.axis),
-        _estimates(design.axis),
-        design.summary(),
-        _ESTIMATED,
-        observer.step,
-        (design.axis,),
-        ((observer.XHAT, 1.0), (observer.PLACE, 1.0)),
-        observer.REST,
-    )
-
-
-def _of_filter(made: HybridFilter, dt: float) -> Exported:
-    state = observer.LINE + int(made.tables.axis_integers[axis_step.N_HISTORY])
-    first, stride = state + hybrid_filter.BELIEFS + hybrid_filter.X, hybrid_filter.GAUSSIAN
-    quantum = float(made.tables.numbers[hybrid_filter.QUANTUM])
-    cells = [(first + mode * stride, quantum) for mode in range(3)]
-    more = (
-        Signal("vhat_sd", f"{made.axis.units[0]}/s", "standard deviation of vhat"),
-        Signal("log_likelihood", "1", "logarithm of the probability of the reading"),
-    )
-    return Exported(
-        f"{made.axis.name}_filter",
-        "hybrid cell filter",
-        made.axis,
-        dt,
-        made.tables._asdict(),
-        np.zeros(made.memory_size),
-        (),
-        _drive_and_reading(made.axis),
-        (*_estimates(made.axis), *more),
-        "A filter of three modes carries no certificate: it states its own standard deviation.",
-        _ESTIMATED,
-        hybrid_filter.step,
-        (made.axis,),
-        ((observer.XHAT, 1.0), (state + hybrid_filter.READING, 1.0), *cells),
-        observer.REST,
-    )
-
-
-def _of_compensation(comp: Compensation, dt: float) -> Exported:
-    length, force = comp.axis.units
-    controller = comp.controller
-    lead = int(controller.law.numbers[compensation.LEAD])
-    watch = compensation.LINE + compensation.STRIDE * lead  # the observer's memory
-    # The observer of a learning law works on the error, the others on the position.
-    learned = controller.law.numbers[compensation.SOURCE] == compensation.LEARNED
-    own = (compensation.AHEAD, *(() if learned else (compensation.INNER,)))
-    past = [compensation.LINE + compensation.STRIDE * i for i in range(lead)]
-    watched = (watch + observer.XHAT, watch + observer.PLACE)
-    axes = [comp.rigid_axis] + ([comp.observer.axis] if comp.observer is not None else [])
-    return Exported(
-        f"{comp.axis.name}_compensation",
-        "friction-compensating position controller",
-        comp.axis,
-        dt,
-        {n: np.asarray(array) for n, array in controller.law._asdict().items()},
-        controller.memory(),
-        (),
-        (
-            Signal("xref", length, f"reference of {comp.lead} samples later", place=True),
-            Signal("vref", f"{length}/s", "its velocity"),
-            Signal("aref", f"{length}/s^2", "its acceleration"),
-            Signal("y", length, "position read at this sample", place=True),
-        ),
-        (
-            Signal("u", force, "drive force to hold until the next sample"),
-            Signal("friction", force, "its part that compensates friction"),
-        ),
-        comp.summary(),
+#: What can be exported: end of its name, its kind, what a step returns, kernel, its other parts.
+_MAKERS: dict[type, tuple[str, str, str, Callable[..., Any], Callable[..., dict[str, Any]]]] = {
+    FrictionAxis: (
+        "", "axis with dry friction",
+        "A step returns the axis at the start of the sample, under the new input; then it moves.",
+        entries.move, _of_axis,
+    ),
+    ObserverDesign: ("_observer", "switched PI observer", _ESTIMATED, observer.step, _of_observer),
+    HybridFilter: ("_filter", "hybrid cell filter", _ESTIMATED, hybrid_filter.step, _of_filter),
+    Compensation: (
+        "_compensation", "friction-compensating position controller",
         "A step returns the drive of this sample: give it out at once, and hold it.",
-        entries.compensate,
-        tuple(axes),
-        tuple((place, 1.0) for place in (*own, *past, *watched)),
-        watch + observer.REST,
-        compensation.SAMPLES,
-    )
-
-
-_MAKERS: dict[type, Callable[..., Exported]] = {
-    FrictionAxis: _of_axis,
-    ObserverDesign: _of_observer,
-    HybridFilter: _of_filter,
-    Compensation: _of_compensation,
-}
+        entries.compensate, _of_compensation,
+    ),
+}  # fmt: skip

@@ -10,7 +10,9 @@ what one object needs and nothing else.  The order of operations is that of the 
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
+import itertools
 import math
 import operator
 import textwrap
@@ -23,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.compiled import axis_step
+from dryfric_control.export import entries
 from dryfric_control.model.effects.effect import read_by
 
 #: Passes of one search loop at most: none is met before its own end.
@@ -69,7 +72,7 @@ class Table(Kind):
 
 @dataclass(frozen=True)
 class Record(Kind):
-    """A named tuple."""
+    """Several values: a named tuple, or a tuple (code "t") of f0, f1 and so on."""
 
     names: tuple[str, ...] = ()
     kinds: tuple[Kind, ...] = ()
@@ -81,21 +84,14 @@ class Axis(Kind):
 
     integers: tuple[int, ...] = ()
     known: tuple[tuple[int, float], ...] = ()
-    base: str = ""  # name of the constant array, where it is one
-
-
-@dataclass(frozen=True)
-class Tuple(Kind):
-    """Several values."""
-
-    kinds: tuple[Kind, ...] = ()
+    name: str = ""  # of the constant array, where it is one
 
 
 def is_erased(kind: Kind) -> bool:
     """Whether the type alone is the value, which then is no argument in C."""
     if isinstance(kind, Record):
-        return bool(kind.kinds) and all(map(is_erased, kind.kinds))
-    return isinstance(kind, (Known, Table)) or (isinstance(kind, Axis) and kind.base != "")
+        return kind.code != "t" and bool(kind.kinds) and all(map(is_erased, kind.kinds))
+    return isinstance(kind, (Known, Table)) or (isinstance(kind, Axis) and kind.name != "")
 
 
 F, INT, BOOL, NOTHING = Kind("f"), Kind("i"), Kind("b"), Kind("v")
@@ -146,12 +142,11 @@ _SIGNS: dict[type, tuple[str, Callable[..., Any], str]] = {
     ast.Sub: ("-", operator.sub, "add"),
     ast.Mult: ("*", operator.mul, "multiply"),
     ast.Div: ("/", operator.truediv, "divide"),
-}
-_WHOLE: dict[type, tuple[str, Callable[..., Any]]] = {
-    ast.FloorDiv: ("/", operator.floordiv),
-    ast.Mod: ("%", operator.mod),
-    ast.BitAnd: ("&", operator.and_),
-    ast.BitOr: ("|", operator.or_),
+    # Of whole numbers alone, which are not counted.
+    ast.FloorDiv: ("/", operator.floordiv, ""),
+    ast.Mod: ("%", operator.mod, ""),
+    ast.BitAnd: ("&", operator.and_, ""),
+    ast.BitOr: ("|", operator.or_, ""),
 }
 _COMPARE: dict[type, tuple[str, Callable[..., Any]]] = {
     ast.Lt: ("<", operator.lt),
@@ -161,19 +156,10 @@ _COMPARE: dict[type, tuple[str, Callable[..., Any]]] = {
     ast.Eq: ("==", operator.eq),
     ast.NotEq: ("!=", operator.ne),
 }
-#: Smaller and larger of two numbers: name, type, and how the second compares.
-_HELPERS = {
-    "dfc_min": ("real", "<"),
-    "dfc_max": ("real", ">"),
-    "dfc_least": ("int32_t", "<"),
-    "dfc_most": ("int32_t", ">"),
-}
-
 #: Arguments for whose value a function is written anew, where that is known.
-_KNOWN = ("dt", "corner")
+_KNOWN = ("dt", "corner", "task", "place")
 
-#: In single precision these module constants are others: a tolerance below the rounding of
-#: a number would never be met.
+#: Module constants in single precision: a tolerance below its rounding would never be met.
 SINGLE = {"TOLERANCE": 1e-4, "SHORTEST": 1e-4, "CLOSE": 1e-4, "_PIVOT": 1e-5}
 #: And numbers in the text that are ends of a search, relative.
 _SINGLE_LITERALS = {1e-14: 1e-6, 2e-14: 2e-6, 1e-15: 1e-6, 1e-12: 1e-6}
@@ -194,8 +180,8 @@ def unified(a: Kind, b: Kind) -> Kind:
         return F if F in (a, b) else INT
     if isinstance(a, Axis) and isinstance(b, Axis) and a.integers == b.integers:
         return Axis("plant", a.integers, a.known)
-    if isinstance(a, Tuple) and isinstance(b, Tuple) and len(a.kinds) == len(b.kinds):
-        return Tuple("t", tuple(unified(p, q) for p, q in zip(a.kinds, b.kinds, strict=True)))
+    if isinstance(a, Record) and isinstance(b, Record) and (a.code, a.names) == (b.code, b.names):
+        return Record(a.code, a.names, tuple(map(unified, a.kinds, b.kinds)))
     if isinstance(a, Pointer) and isinstance(b, Pointer) and a.element == b.element:
         return Pointer("p", a.element, a.constant or b.constant)
     raise NotInC(f"a variable is {a} and {b}")
@@ -205,8 +191,7 @@ class Translator:
     """Writes the C functions that an exported object needs.
 
     `laws`: name and Python source of each law and task by its address in the integers; `single`:
-    numbers are `float`; `periods`: time and length after which the law of a number in the integers
-    of an axis repeats.
+    numbers are `float`; `periods`: time and length after which a law repeats, by axis and number.
     """
 
     def __init__(
@@ -220,7 +205,6 @@ class Translator:
         self.rests = False  # whether a law reads the time at rest
         self.functions: dict[Any, Function] = {}
         self.records: dict[str, str] = {}
-        self.helpers: set[str] = set()
         self.names: Counter[str] = Counter()
         self.powers: set[int] = set()
         self.impure: set[str] = set()
@@ -245,7 +229,7 @@ class Translator:
             return f"const {base} *" if kind.constant else f"{base} *"
         if isinstance(kind, Axis):
             return "const real *"
-        if isinstance(kind, (Tuple, Record)):
+        if isinstance(kind, Record):
             return self._struct(kind)
         return {"f": "real", "i": "int32_t", "b": "bool", "v": "void"}[kind.code]
 
@@ -254,36 +238,24 @@ class Translator:
         base = self.type(kind)
         return f"{base}{name}" if base.endswith("*") else f"{base} {name}"
 
-    def _struct(self, kind: Tuple | Record) -> str:
+    def _struct(self, kind: Record) -> str:
         """Name of the structure that holds several values; it is declared once."""
-        if isinstance(kind, Record):
-            name, names = f"dfc_{kind.code.lower()}", kind.names
-        else:
-            name = f"dfc_{_codes(kind)}"
-            names = tuple(f"f{i}" for i in range(len(kind.kinds)))
+        name = f"dfc_{_codes(kind) if kind.code == 't' else kind.code.lower()}"
         if name not in self.records:
-            rows = "".join(
-                f"    {self.declared(k, n)};\n" for n, k in zip(names, kind.kinds, strict=True)
-            )
+            rows = "".join(f"    {one};\n" for one in map(self.declared, kind.kinds, kind.names))
             self.records[name] = f"typedef struct {{\n{rows}}} {name};\n"
         return name
 
     def text(self) -> str:
         """All structures and functions, each before its use."""
-        helpers = [
-            f"static {kind} {name}({kind} a, {kind} b)\n{{\n    return (b {sign} a) ? b : a;\n}}\n"
-            for name, (kind, sign) in _HELPERS.items()
-            if name in self.helpers
-        ]
-        for n in sorted(self.powers):
-            helpers.append(_power(n))
+        powers = map(_power, sorted(self.powers))
         # What was decided here leaves functions that nothing calls.
         called, kept = {"dfc_sample", "dfc_look"}, []
         for function in reversed(self.functions.values()):
             if function.name in called and function.text:
                 kept.append(function.text)
                 called |= function.reads
-        return "\n".join([*self.records.values(), *helpers, *reversed(kept)])
+        return "\n".join([*self.records.values(), *powers, *reversed(kept)])
 
     def function(self, source: Any, kinds: tuple[Kind, ...], name: str = "") -> Function:
         """C function of a kernel for arguments of these types."""
@@ -332,18 +304,14 @@ class _Body:
         self.dead: set[str] = set()
         closure = inspect.getclosurevars(python).nonlocals
         self.globals = {**python.__globals__, **closure}
-        stored = Counter(
-            n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-        )
+        stored, counted = Counter(self.parameters), Counter[str]()
         for n in ast.walk(node):
-            if isinstance(n, ast.AugAssign) and isinstance(n.target, ast.Name):
-                stored[n.target.id] += 1
-        stored.update(self.parameters)
-        counted = Counter(
-            n.target.id
-            for n in ast.walk(node)
-            if isinstance(n, ast.For) and isinstance(n.target, ast.Name)
-        )
+            if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store):
+                stored[n.id] += 1
+            elif isinstance(n, ast.AugAssign):  # its target is stored once more
+                stored[_base(n.target)] += 1
+            elif isinstance(n, ast.For):
+                counted[_base(n.target)] += 1
         self.assigned = {n for n, count in stored.items() if count > counted[n]}
         self.once = {n for n, count in stored.items() if count == 1}
         self.inside = _inside(node)
@@ -377,7 +345,6 @@ class _Body:
                     self.bound[name] = self.erased(kind)
             self.cost: Counter[str] = Counter()
             self.block(self.node.body)
-            self.results = set(self.returned)
             self.dead = {n for n in self.vars if n not in self.read}
             now = (dict(self.vars), self.returns, frozenset(self.dead))
             if now == before:
@@ -394,22 +361,23 @@ class _Body:
             ]
         )
         doc = (ast.get_docstring(self.node) or "").split("\n\n")[0]
-        head = f"/* {' '.join(doc.split())} */\n" if doc else ""
-        result = NOTHING if is_erased(returns) else returns
-        head += f"static {self.out.declared(result, self.name)}({given or 'void'})"
+        comment = f"/* {' '.join(doc.split())} */" if doc else ""
         if is_erased(returns):
             return Function(self.name, "", returns, used, True, self.cost)
+        head = f"static {self.out.declared(returns, self.name)}({given or 'void'})"
         self.lines[:0] = [
             f"    {self.out.declared(kind, _c(n))} = {self.zero(kind)};"
             for n, kind in self.late.items()
             if n not in self.dead
         ]
-        body = "\n".join(_wrapped(line) for line in self.lines)
-        text = f"{_wrapped(head) if not doc else _headed(head)}\n{{\n{body}\n}}\n"
-        known = self.results.pop() if len(self.results) == 1 and self.pure else None
-        reads = frozenset(self.read)
-        cost = self.cost
-        return Function(self.name, text, returns, used, self.pure, cost, known, shifted, reads)
+        lines = textwrap.wrap(comment, 97, subsequent_indent="   ", break_on_hyphens=False)
+        lines += [_wrapped(head), "{", *map(_wrapped, self.lines), "}\n"]
+        results = set(self.returned)
+        return Function(
+            self.name, "\n".join(lines), returns, used, self.pure, self.cost,
+            results.pop() if len(results) == 1 and self.pure else None,
+            shifted, frozenset(self.read),
+        )  # fmt: skip
 
     def parameter(self, name: str) -> Kind:
         """Type of a parameter; an address that is only read through is one of constants."""
@@ -420,7 +388,7 @@ class _Body:
 
     def zero(self, kind: Kind) -> str:
         """Something to start from, never read."""
-        if isinstance(kind, (Tuple, Record)):
+        if isinstance(kind, Record):
             return "{" + ", ".join(self.zero(k) for k in kind.kinds) + "}"
         if isinstance(kind, (Pointer, Axis)):
             return "NULL"
@@ -429,14 +397,8 @@ class _Body:
     def erased(self, kind: Kind) -> Value:
         """The value that a type alone is."""
         if isinstance(kind, Known):
-            whole = isinstance(kind.value, int)
-            text = str(kind.value) if whole else self.out.number(kind.value)
-            return Value(text, INT if whole else F, kind.value)
-        if isinstance(kind, Table):
-            return Value(kind.name, kind)
-        if isinstance(kind, Axis):
-            return Value(kind.base, kind)
-        return Value("", kind)
+            return self.constant(kind.value)
+        return Value(getattr(kind, "name", ""), kind)
 
     def fail(self, node: ast.AST, why: str) -> NotInC:
         """Error that names function and line."""
@@ -510,18 +472,10 @@ class _Body:
             self.assign(node.target, self.value(node.value))
 
     def do_assign(self, node: ast.Assign) -> None:
-        value = self.value(node.value)
-        if len(node.targets) > 1:
-            # a = b = value: to the right one first, the others from it
-            last = node.targets[-1]
-            self.assign(last, value)
-            if not isinstance(last, ast.Name):
-                raise self.fail(node, "a = b[i] = ...")
-            value = self.value(ast.copy_location(ast.Name(last.id, ast.Load()), node))
-            for target in node.targets[:-1]:
-                self.assign(target, value)
-            return
-        self.assign(node.targets[0], value)
+        *others, last = node.targets  # a = b = value: to b first, then from it to a
+        self.assign(last, self.value(node.value))
+        for target in others:
+            self.assign(target, self.value(ast.copy_location(_loaded(last), node)))
 
     def do_augassign(self, node: ast.AugAssign) -> None:
         whole = ast.BinOp(_loaded(node.target), node.op, node.value)
@@ -538,7 +492,7 @@ class _Body:
         if isinstance(target, ast.Subscript):
             self.stored(target)
             place = self.value(target)
-            if not isinstance(place.kind, Kind) or place.kind not in (F, INT):
+            if place.kind not in (F, INT):
                 raise self.fail(target, "only numbers are stored in arrays")
             self.emit(f"{place.text} = {self.converted(value, place.kind)};", place, value)
             return
@@ -553,11 +507,10 @@ class _Body:
             return
         kind = _plain(value.kind)
         if isinstance(value.kind, Pointer) and value.kind.length and value.text == "[]":
-            self.vars[name] = value.kind
-            base = "real" if value.kind.element == "f" else "int32_t"
+            self.vars[name], element = value.kind, Kind(value.kind.element)
             self.declared.add(name)
-            zero = self.zero(F if value.kind.element == "f" else INT)
-            self.emit(f"{base} {_c(name)}[{value.kind.length}] = {{{zero}}};")
+            array = f"{self.out.declared(element, _c(name))}[{value.kind.length}]"
+            self.emit(f"{array} = {{{self.zero(element)}}};")
             return
         if isinstance(kind, Axis) and name not in self.once:
             kind = Axis("plant", kind.integers, kind.known)
@@ -565,18 +518,16 @@ class _Body:
         if name in self.dead:
             self.emit_effects(value)
             return
-        text = self.converted(value, kind)
-        if name in self.declared or name in self.parameters:
-            self.emit(f"{_c(name)} = {text};", value)
-        elif self.depth == 0 or (name in self.inside and not self.unrolling):
+        text, left = self.converted(value, kind), _c(name)
+        if name not in self.declared and name not in self.parameters:
             self.declared.add(name)
-            fixed = name in self.once and not self.unrolling
-            constant = "const " if fixed and not isinstance(kind, (Pointer, Axis)) else ""
-            self.emit(f"{constant}{self.out.declared(kind, _c(name))} = {text};", value)
-        else:
-            self.declared.add(name)
-            self.late[name] = kind
-            self.emit(f"{_c(name)} = {text};", value)
+            if self.depth == 0 or (name in self.inside and not self.unrolling):
+                fixed = name in self.once and not self.unrolling
+                constant = "const " if fixed and not isinstance(kind, (Pointer, Axis)) else ""
+                left = constant + self.out.declared(kind, left)
+            else:
+                self.late[name] = kind
+        self.emit(f"{left} = {text};", value)
 
     def stored(self, target: ast.Subscript) -> None:
         """Note that numbers are stored through an address."""
@@ -599,22 +550,21 @@ class _Body:
             for name, part in zip(names, parts, strict=True):
                 self.assign(name, part)
             return
-        if not isinstance(value.kind, Tuple):
+        if value.kind.code != "t":
             raise self.fail(target, "this is no tuple")
-        wanted = [
-            not (isinstance(n, ast.Name) and (n.id == "_" or n.id in self.dead)) for n in names
-        ]
-        for n, w in zip(names, wanted, strict=True):
-            if not w and isinstance(n, ast.Name) and n.id != "_":
-                kind = value.kind.kinds[names.index(n)]
-                self.vars[n.id] = unified(self.vars.get(n.id, kind), kind)
-        if not any(wanted):
+        wanted = []
+        for i, part in enumerate(_parts(value)):
+            own = getattr(names[i], "id", "")
+            if own != "_" and own in self.dead:
+                self.vars[own] = unified(self.vars.get(own, part.kind), part.kind)
+            elif own != "_":
+                wanted.append(i)
+        if not wanted:
             self.emit_effects(value)
             return
-        held = self.temporary(value)
-        for i, (name, w) in enumerate(zip(names, wanted, strict=True)):
-            if w:
-                self.assign(name, Value(f"{held.text}.f{i}", value.kind.kinds[i]))
+        held = _parts(self.temporary(value))
+        for i in wanted:
+            self.assign(names[i], held[i])
 
     def temporary(self, value: Value) -> Value:
         """The value in a constant of its own."""
@@ -654,11 +604,10 @@ class _Body:
         known = (start.known, stop.known, step.known)
         if step.known is None:
             raise self.fail(node, "the step of a range must be known")
-        if None not in known:
-            turns = range(*known)
-            if not turns or _calls_law(node):
-                self._unrolled(node, list(turns))
-                return
+        turns = None if None in known else range(*known)
+        if turns is not None and (not turns or "_law" in _names(node.body)):
+            self._unrolled(node, list(turns))
+            return
         if not isinstance(node.target, ast.Name):
             raise self.fail(node, "a loop counts one variable")
         name = node.target.id
@@ -675,8 +624,7 @@ class _Body:
         first = f"{'int32_t ' if own else ''}{c} = {start.text}"
         self.emit(f"for ({first}; {c} {sign} {stop.within(_ORDER)}; {move}) {{", start, stop)
         self.read.add(name)
-        passes = len(range(*known)) if None not in known else 8
-        self._loop(node.body, passes)
+        self._loop(node.body, 8 if turns is None else len(turns))
 
     def _loop(self, body: list[ast.stmt], passes: int = 1) -> None:
         self.cost += Counter({what: passes * n for what, n in self.inner(body).items()})
@@ -707,33 +655,26 @@ class _Body:
 
     def converted(self, value: Value, kind: Kind) -> str:
         """The text of a value as another type."""
-        if value.parts and isinstance(kind, Tuple):
-            inner = ", ".join(
-                self.converted(v, k) for v, k in zip(value.parts, kind.kinds, strict=True)
-            )
+        if isinstance(kind, Record) and (value.parts or kind != value.kind):
+            parts = value.parts or _parts(self.temporary(value))
+            inner = ", ".join(map(self.converted, parts, kind.kinds))
             return f"({self.out.type(kind)}){{{inner}}}"
         if kind == F and value.kind == INT:
             if value.known is not None:
                 return self.out.number(float(value.known))
             return f"(real){value.within(_UNARY)}"
         if kind == F and value.kind == BOOL:
-            return (
-                f"({value.within(_CHOICE + 1)} ? {self.out.number(1.0)} : {self.out.number(0.0)})"
-            )
-        if kind == value.kind or isinstance(kind, (Pointer, Axis)):
+            one, zero = self.out.number(1.0), self.out.number(0.0)
+            return f"({value.within(_CHOICE + 1)} ? {one} : {zero})"
+        same = kind == value.kind or (kind == INT and value.kind == BOOL)
+        if same or isinstance(kind, (Pointer, Axis)):
             return value.text
-        if kind == INT and value.kind == BOOL:
-            return value.text
-        if isinstance(kind, Tuple) and isinstance(value.kind, Tuple):
-            held = self.temporary(value)
-            parts = [Value(f"{held.text}.f{i}", k) for i, k in enumerate(value.kind.kinds)]
-            return self.converted(Value("", kind, parts=parts), kind)
         raise NotInC(f"{value.text!r} is {value.kind}, wanted {kind}")
 
     def truth(self, value: Value) -> Value:
         """The value as a condition."""
         if value.known is not None:
-            return Value("true" if value.known else "false", BOOL, bool(value.known))
+            return self.constant(bool(value.known))
         if value.kind == BOOL:
             return value
         zero = self.out.number(0.0) if value.kind == F else "0"
@@ -753,7 +694,7 @@ class _Body:
         self.reading = outer | result.reads
         return result
 
-    def constant(self, value: Any, node: ast.expr, name: str = "") -> Value:
+    def constant(self, value: Any, node: ast.expr | None = None, name: str = "") -> Value:
         """A Python value as a C one."""
         if isinstance(value, (bool, np.bool_)):
             return Value("true" if value else "false", BOOL, bool(value))
@@ -768,9 +709,8 @@ class _Body:
             binds = _ATOM if not text.startswith("-") else _UNARY
             return Value(text, F, number, binds, reads=frozenset())
         if isinstance(value, tuple):
-            parts = [self.constant(v, node) for v in value]
-            return Value("", Tuple("t", tuple(_plain(p.kind) for p in parts)), parts=parts)
-        raise self.fail(node, f"{value!r} has no C")
+            return _several([self.constant(v, node) for v in value])
+        raise self.fail(node or self.node, f"{value!r} has no C")
 
     def of_constant(self, node: ast.Constant) -> Value:
         return self.constant(node.value, node)
@@ -807,7 +747,7 @@ class _Body:
         kind = owner.kind
         if isinstance(kind, Axis):
             if node.attr == "integers":
-                return Value("", Record("integers", (), (Table("k", "", "i", (), kind.integers),)))
+                return Value("", Table("k", "", "i", (), kind.integers))
             return Value(owner.text, Pointer("p", "f", True, kind.known))
         if isinstance(kind, Record):
             place = kind.names.index(node.attr)
@@ -816,8 +756,7 @@ class _Body:
                 return self.erased(inner)
             return Value(f"{owner.text}.{node.attr}", inner)
         if isinstance(kind, Table) and node.attr == "shape":
-            parts = [Value(str(n), INT, n) for n in kind.shape]
-            return Value("", Tuple("t", (INT,) * len(parts)), parts=parts)
+            return self.constant(kind.shape, node)
         raise self.fail(node, f"attribute {node.attr}")
 
     def of_subscript(self, node: ast.Subscript) -> Value:
@@ -825,40 +764,27 @@ class _Body:
             owner = self.value(node.value)
             if node.slice.lower is None or node.slice.upper is not None or node.slice.step:
                 raise self.fail(node, "only array[n:]")
-            start = self.value(node.slice.lower)
-            return Value(f"{owner.within(_SUM)} + {start.within(_SUM + 1)}", owner.kind, binds=_SUM)
+            return _behind(owner, self.value(node.slice.lower), owner.kind)
         owner, place = self.value(node.value), self.value(node.slice)
         kind = owner.kind
-        if isinstance(kind, Record) and kind.code == "integers":
-            values = kind.kinds[0].values  # type: ignore[attr-defined]
-            if place.known is None:
-                raise self.fail(node, "an integer of the axis at an unknown place")
-            return Value(str(values[place.known]), INT, int(values[place.known]))
-        if owner.parts or isinstance(kind, Tuple):
-            assert isinstance(kind, Tuple)
+        if kind.code == "t":
+            parts = _parts(owner)
             if place.known is not None:
-                if owner.parts:
-                    return owner.parts[place.known]
-                return Value(f"{owner.text}.f{place.known}", kind.kinds[place.known])
-            parts = owner.parts or [
-                Value(f"{owner.text}.f{i}", k) for i, k in enumerate(kind.kinds)
-            ]
+                return parts[place.known]
             inner = ", ".join(self.converted(p, F) for p in parts)
             return Value(f"((const real[]){{{inner}}})[{place.text}]", F)
         if isinstance(kind, Table):
-            known = None
-            if place.known is not None:
-                known = kind.values[place.known]
+            known = None if place.known is None else kind.values[place.known]
             if kind.element == "i" and known is not None:
                 return Value(str(int(known)), INT, int(known))
-            return Value(f"{kind.name}[{place.text}]", F if kind.element == "f" else INT, known)
+            if not kind.name:
+                raise self.fail(node, "an integer of the axis at an unknown place")
+            return Value(f"{kind.name}[{place.text}]", Kind(kind.element), known)
         if isinstance(kind, Pointer):
-            known = dict(kind.known).get(place.known) if place.known is not None else None
-            element = F if kind.element == "f" else INT
-            reads = {n for n in owner.reads or () if n[0] != "*"} | (place.reads or set())
-            return Value(
-                f"{owner.within(_ATOM)}[{place.text}]", element, known, reads=frozenset(reads)
-            )
+            known = dict(kind.known).get(place.known)
+            reads = {n for n in owner.reads or () if n[0] != "*"}.union(place.reads or ())
+            text = f"{owner.within(_ATOM)}[{place.text}]"
+            return Value(text, Kind(kind.element), known, reads=frozenset(reads))
         raise self.fail(node, f"{owner.text} cannot be indexed")
 
     def of_tuple(self, node: ast.Tuple) -> Value:
@@ -871,14 +797,14 @@ class _Body:
                 parts += inner.parts
             else:
                 parts.append(self.value(element))
-        return Value("", Tuple("t", tuple(_plain(p.kind) for p in parts)), parts=parts)
+        return _several(parts)
 
     def of_unaryop(self, node: ast.UnaryOp) -> Value:
         value = self.value(node.operand)
         if isinstance(node.op, ast.Not):
             test = self.truth(value)
             if test.known is not None:
-                return Value("false" if test.known else "true", BOOL, not test.known)
+                return self.constant(not test.known)
             return Value(f"!{test.within(_UNARY)}", BOOL, binds=_UNARY)
         if not isinstance(node.op, ast.USub):
             raise self.fail(node, "this sign")
@@ -893,12 +819,12 @@ class _Body:
         if op is ast.Pow:
             return self.power(node, a, b)
         whole = a.kind == INT and b.kind == INT
-        if op not in _SIGNS and op not in _WHOLE:
+        if op not in _SIGNS:
             raise self.fail(node, f"{op.__name__} has no C here")
-        sign, fold, *group = _SIGNS.get(op) or _WHOLE[op]
+        sign, fold, group = _SIGNS[op]
         if whole and a.known is not None and b.known is not None and op is not ast.Div:
             return self.constant(fold(a.known, b.known), node)
-        if op in _WHOLE:
+        if not group:
             if not whole:
                 raise self.fail(node, f"{op.__name__} of numbers that are not whole")
             return Value(f"({a.within(_UNARY)} {sign} {b.within(_UNARY)})", INT)
@@ -907,7 +833,7 @@ class _Body:
             left, right = self.real(a), self.real(b)
             known = _folded(op, left.known, right.known)
             if known is None:
-                self.cost[group[0]] += 1
+                self.cost[group] += 1
             kind = F
         else:
             left, right, kind, known = a, b, INT, None
@@ -936,18 +862,15 @@ class _Body:
 
     def of_boolop(self, node: ast.BoolOp) -> Value:
         is_and = isinstance(node.op, ast.And)
-        parts = []
+        parts: list[Value] = []
         for element in node.values:
             part = self.truth(self.value(element))
-            if part.known is None:
+            if part.known != is_and:
                 parts.append(part)
-            elif part.known != is_and:
-                if not parts:
-                    return part
-                parts.append(part)
+            if part.known == (not is_and):  # it decides
                 break
         if not parts:
-            return Value("true" if is_and else "false", BOOL, is_and)
+            return self.constant(is_and)
         if len(parts) == 1:
             return parts[0]
         level = _AND if is_and else _OR
@@ -963,7 +886,7 @@ class _Body:
             sign, fold = _COMPARE[type(op)]
             if a.known is not None and b.known is not None:
                 if not fold(a.known, b.known):
-                    return Value("false", BOOL, False)
+                    return self.constant(False)
                 continue
             if a.kind != b.kind:
                 a, b = self.real(a), self.real(b)
@@ -973,7 +896,7 @@ class _Body:
             text = f"{a.within(_SUM)} {sign} {b.within(_SUM)}"
             parts.append(Value(text, BOOL, binds=level))
         if not parts:
-            return Value("true", BOOL, True)
+            return self.constant(True)
         if len(parts) == 1:
             return parts[0]
         return Value(" && ".join(f"({p.text})" for p in parts), BOOL, binds=_AND)
@@ -985,9 +908,10 @@ class _Body:
         a, b = self.value(node.body), self.value(node.orelse)
         kind = unified(_plain(a.kind), _plain(b.kind))
         left, right = self.converted(a, kind), self.converted(b, kind)
-        wrap = "({})".format
-        left = left if a.binds >= _UNARY or left.startswith("(real)") else wrap(left)
-        right = right if b.binds >= _UNARY or right.startswith("(real)") else wrap(right)
+        left, right = (
+            text if value.binds >= _UNARY or text.startswith("(real)") else f"({text})"
+            for value, text in ((a, left), (b, right))
+        )
         return Value(f"{test.within(_ATOM)} ? {left} : {right}", kind, binds=_CHOICE)
 
     def of_call(self, node: ast.Call) -> Value:
@@ -1010,10 +934,8 @@ class _Body:
         """A named tuple."""
         if cls is axis_step.Plant:
             numbers, integers = given
-            if isinstance(integers.kind, Record):
-                values = integers.kind.kinds[0].values  # type: ignore[attr-defined]
-            else:
-                values = integers.kind.values  # type: ignore[attr-defined]
+            assert isinstance(integers.kind, Table)
+            values = tuple(map(int, integers.kind.values))
             if isinstance(numbers.kind, Table):
                 known = tuple(enumerate(numbers.kind.values))
                 return self.erased(Axis("plant", values, known, numbers.kind.name))
@@ -1027,7 +949,7 @@ class _Body:
         kind = Record(cls.__name__, names, kinds)
         if is_erased(kind):
             return Value("", kind)
-        kind = Record(cls.__name__, names, tuple(_plain(v.kind) for v in given))
+        kind = Record(cls.__name__, names, tuple(map(_plain, kinds)))
         inner = ", ".join(v.text for v in given)
         return Value(f"({self.out.type(kind)}){{{inner}}}", kind)
 
@@ -1058,22 +980,12 @@ class _Body:
             given.append(self.constant(parameter.default, node))
         kinds: list[Kind] = []
         for parameter, value in zip(parameters, given, strict=True):
-            if parameter.name in _KNOWN and value.kind == F and value.known is not None:
-                kinds.append(Known("k", float(value.known)))
-            elif parameter.name in ("task", "place") and value.kind == INT:
-                if value.known is None:
-                    raise self.fail(node, f"{parameter.name} is unknown")
-                kinds.append(Known("k", value.known))
-            elif isinstance(value.kind, Record) and value.kind.code == "integers":
-                kinds.append(value.kind)
-            elif name.startswith("dfc_law_") and parameter is not parameters[-1]:
+            if name.startswith("dfc_law_") and parameter is not parameters[-1]:
                 kinds.append(F)
+            elif parameter.name in _KNOWN and value.known is not None:
+                kinds.append(Known("k", value.known))
             else:
-                kinds.append(_plain(value.kind) if not is_erased(value.kind) else value.kind)
-        kinds = [
-            Pointer("p", k.element, k.constant, k.known) if isinstance(k, Pointer) else k
-            for k in kinds
-        ]
+                kinds.append(value.kind if is_erased(value.kind) else _plain(value.kind))
         made = self.out.function(target, tuple(kinds), name)
         self.cost += made.cost
         self.cost["call"] += 1
@@ -1083,12 +995,9 @@ class _Body:
             return self.erased(made.returns)
         if made.known is not None:
             return self.constant(made.known, node)
-        texts = [
-            self.converted(v, k) for v, k, used in zip(given, kinds, made.used, strict=True) if used
-        ]
-        reads = {made.name}.union(
-            *(v.reads or () for v, used in zip(given, made.used, strict=True) if used)
-        )
+        taken = list(itertools.compress(zip(given, kinds, strict=True), made.used))
+        texts = [self.converted(*one) for one in taken]
+        reads = {made.name}.union(*(value.reads or () for value, _ in taken))
         if made.shifted:
             texts.insert(0, SHIFT)
             reads.add(SHIFT)
@@ -1104,11 +1013,24 @@ def _folded(op: type, a: float | None, b: float | None) -> float | None:
     return float(result) if math.isfinite(result) else None
 
 
-def _codes(kind: Kind) -> str:
+def _several(parts: list[Value]) -> Value:
+    """A tuple that is written out."""
+    names = tuple(f"f{i}" for i in range(len(parts)))
+    return Value("", Record("t", names, tuple(_plain(p.kind) for p in parts)), parts=parts)
+
+
+def _parts(value: Value) -> list[Value]:
+    """The values of a tuple, one by one."""
+    assert isinstance(value.kind, Record)
+    members = zip(value.kind.names, value.kind.kinds, strict=True)
+    return value.parts or [Value(f"{value.text}.{name}", kind) for name, kind in members]
+
+
+def _codes(kind: Record) -> str:
     """Letters that name a tuple by what it holds."""
-    if not isinstance(kind, Tuple):
-        return kind.code
-    return "".join(f"t{_codes(k)}e" if isinstance(k, Tuple) else k.code for k in kind.kinds)
+    inner = (f"t{_codes(k)}e" if isinstance(k, Record) and k.code == "t" else k.code
+             for k in kind.kinds)  # fmt: skip
+    return "".join(inner)
 
 
 def _plain(kind: Kind) -> Kind:
@@ -1138,10 +1060,6 @@ def _loaded(node: ast.expr) -> ast.expr:
     if isinstance(node, ast.Subscript):
         return ast.Subscript(node.value, node.slice, ast.Load())
     return node
-
-
-def _calls_law(node: ast.For) -> bool:
-    return any(isinstance(n, ast.Name) and n.id == "_law" for n in ast.walk(node))
 
 
 def _names(nodes: list[ast.stmt]) -> Counter[str]:
@@ -1180,27 +1098,14 @@ def _wrapped(line: str) -> str:
     )  # fmt: skip
 
 
-def _headed(head: str) -> str:
-    """Comment and first line of a function."""
-    comment, _, rest = head.partition("\n")
-    lines = textwrap.wrap(comment, 97, subsequent_indent="   ", break_on_hyphens=False)
-    return "\n".join([*lines, _wrapped(rest)])
-
-
 # What numba or Python gives the kernels, in C ------------------------------------------
 
 
-def _smallest(body: _Body, node: ast.Call, real: str, whole: str) -> Value:
+def _extreme(body: _Body, node: ast.Call, kernel: Any, name: str) -> Value:
     given = [body.value(a) for a in node.args]
-    is_whole = all(v.kind == INT for v in given)
-    values = given if is_whole else [body.real(v) for v in given]
-    name = whole if is_whole else real
-    body.out.helpers.add(name)
-    text = values[0].text
-    for value in values[1:]:
-        text = f"{name}({text}, {value.text})"
-        body.cost["compare"] += 1
-    return Value(text, INT if is_whole else F)
+    if any(v.kind != INT for v in given):
+        given = [body.real(v) for v in given]
+    return functools.reduce(lambda a, b: body.call(kernel, [a, b], node, name), given)
 
 
 def _absolute(body: _Body, node: ast.Call) -> Value:
@@ -1224,28 +1129,24 @@ def _to_float(body: _Body, node: ast.Call) -> Value:
     return Value(real.text, F, known, real.binds)
 
 
-def _same(body: _Body, node: ast.Call) -> Value:
-    return body.value(node.args[0])
-
-
 def _further(body: _Body, node: ast.Call) -> Value:
     start, count = body.value(node.args[0]), body.value(node.args[1])
     if not isinstance(start.kind, Pointer):
         raise body.fail(node, "an address of numbers")
     kind = Pointer("p", start.kind.element, start.kind.constant, start.kind.known)
+    return _behind(start, count, kind)
+
+
+def _behind(start: Value, count: Value, kind: Kind) -> Value:
+    """An address some numbers further on."""
     return Value(f"{start.within(_SUM)} + {count.within(_SUM + 1)}", kind, binds=_SUM)
 
 
 def _local(body: _Body, node: ast.Call) -> Value:
-    size = axis_step.HISTORY
-    element = "f"
-    if node.args:
-        length = body.value(node.args[0]).known
-        if length is None:
-            raise body.fail(node, "the length of an array must be known")
-        size = int(length)
-        element = "i" if len(node.args) > 1 else "f"
-    return Value("[]", Pointer("p", element, False, (), size))
+    length = body.value(node.args[0]).known if node.args else axis_step.HISTORY
+    if length is None:
+        raise body.fail(node, "the length of an array must be known")
+    return Value("[]", Pointer("p", "i" if len(node.args) > 1 else "f", False, (), int(length)))
 
 
 def _true(body: _Body, value: Value, variable: str, period: float = math.inf) -> Value:
@@ -1293,12 +1194,12 @@ def _task(body: _Body, node: ast.Call) -> Value:
 
 
 _SPECIAL: dict[Any, Callable[[_Body, ast.Call], Value]] = {
-    min: lambda body, node: _smallest(body, node, "dfc_min", "dfc_least"),
-    max: lambda body, node: _smallest(body, node, "dfc_max", "dfc_most"),
+    min: lambda body, node: _extreme(body, node, entries.smaller, "dfc_min"),
+    max: lambda body, node: _extreme(body, node, entries.larger, "dfc_max"),
     abs: _absolute,
     int: _to_int,
     float: _to_float,
-    axis_step.pointer: _same,
+    axis_step.pointer: lambda body, node: body.value(node.args[0]),
     axis_step.further: _further,
     axis_step.spare_memory: _local,
     np.empty: _local,

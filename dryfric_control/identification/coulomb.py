@@ -12,19 +12,9 @@ from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats, Ints
 from dryfric_control.checks import instance, warn
-from dryfric_control.drawing import MEASURED, legend_above, panels
+from dryfric_control.drawing import MEASURED, labelled, panels
 from dryfric_control.estimation.uncertainty import half_width
-from dryfric_control.identification.crawl import (
-    HIGHEST,
-    SLOW,
-    Level,
-    Pieces,
-    average,
-    blocks_of,
-    choose_degree,
-    inner,
-    level_of,
-)
+from dryfric_control.identification import crawl
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
@@ -56,7 +46,7 @@ class CoulombIdentification(Result, CoulombMap):
     viscous: float | None
     mass: float | None
     held_out: dict[int, Floats]  # RMS error of the force for each degree tried, by direction
-    pieces: Pieces  # the averaged data
+    pieces: crawl.Pieces  # the averaged data
     units: tuple[str, str]
     _fits: dict[int, tuple[Floats, Floats, int]]
 
@@ -68,7 +58,7 @@ class CoulombIdentification(Result, CoulombMap):
     def standard_error(self, x: ArrayLike, direction: int) -> Floats:
         """Standard error of the level at positions x in direction +1 or -1, shape (n,)."""
         coefficients, covariance, _ = self._fits[direction]
-        basis = legendre.legvander(inner(x, self.travel), coefficients.size - 1)
+        basis = legendre.legvander(crawl.inner(x, self.travel), coefficients.size - 1)
         return np.sqrt(np.einsum("ij,jk,ik->i", basis, covariance, basis))
 
     def band(self, x: ArrayLike, direction: int, level: float = 0.9) -> tuple[Floats, Floats]:
@@ -86,25 +76,20 @@ class CoulombIdentification(Result, CoulombMap):
         length, force = self.units
         rows: list[tuple[str, ...]] = [("direction", "degree", "level", "std. error")]
         places = np.linspace(*self.travel, 101)
-        for s, name, degree in ((1, "+", self.degrees[0]), (-1, "-", self.degrees[1])):
-            level = self(places, s)
-            error = float(np.mean(self.standard_error(places, s)))
+        for s, name, degree in zip((1, -1), "+-", self.degrees, strict=True):
+            level, error = self(places, s), np.mean(self.standard_error(places, s))
             ends = f"{level.min():.4g} to {level.max():.4g} {force}"
             rows.append((name, str(degree), ends, f"{error:.2g}"))
         yield rows
         if self.viscous is not None:
-            yield (
-                f"also found: viscous {self.viscous:.4g} {force} s/{length}, mass {self.mass:.4g}"
-            )
+            found = f"viscous {self.viscous:.4g} {force} s/{length}, mass {self.mass:.4g}"
+            yield f"also found: {found}"
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers of the result, ready for JSON."""
         places = np.linspace(*self.travel, 21)
-        return {
-            **{
-                name: plain_data(getattr(self, name))
-                for name in ("plus", "minus", "degrees", "travel", "viscous", "mass")
-            },
+        names = ("plus", "minus", "degrees", "travel", "viscous", "mass")
+        return {name: plain_data(getattr(self, name)) for name in names} | {
             "positions": places.tolist(),
             "standard_error_plus": self.standard_error(places, 1).tolist(),
             "standard_error_minus": self.standard_error(places, -1).tolist(),
@@ -115,23 +100,15 @@ class CoulombIdentification(Result, CoulombMap):
         """Draw the measured forces and the levels (paper, Fig. 5)."""
         length, force = self.units
         pieces = self.pieces
-        axes[0].plot(
-            pieces.x, pieces.u, ".", color=MEASURED, ms=4, label="measured, per piece of motion"
-        )
+        measured = {"color": MEASURED, "ms": 4, "label": "measured, per piece of motion"}
+        (ax,) = axes
+        ax.plot(pieces.x, pieces.u, ".", **measured)
         places = np.linspace(*self.travel, 300)
-        for s in (1, -1):
-            low, high = self.band(places, s)
-            axes[0].fill_between(
-                places, s * low, s * high, color="C0", alpha=0.25, lw=0,
-                label="90 % band" if s == 1 else None,
-            )  # fmt: skip
-            axes[0].plot(
-                places, s * self(places, s), "-", color="C0", lw=1.5,
-                label="Coulomb level" if s == 1 else None,
-            )  # fmt: skip
-        axes[0].set_xlabel(f"position [{length}]")
-        axes[0].set_ylabel(f"drive force [{force}]")
-        legend_above(axes[0])
+        for s, band, level in ((1, "90 % band", "Coulomb level"), (-1, None, None)):
+            low, high = (s * end for end in self.band(places, s))
+            ax.fill_between(places, low, high, color="C0", alpha=0.25, lw=0, label=band)
+            ax.plot(places, s * self(places, s), "-", color="C0", lw=1.5, label=level)
+        labelled(ax, f"position [{length}]", f"drive force [{force}]")
         return "Coulomb level over the travel"
 
 
@@ -145,13 +122,12 @@ def identify_coulomb(
     record : Record
         A slow ramp over the travel and back, see `slow_ramp_experiment`.
     degree : int, optional
-        Degree of the polynomials.  Default: per direction the smallest whose
-        error on held-out stretches is within one standard error of the least,
-        and at most one coefficient for three independent stretches.
+        Degree of the polynomials.  Default: per direction the smallest whose error on held-out
+        stretches is within one standard error of the least, at most one coefficient for three.
     axis : FrictionAxis, optional
-        Axis whose mass, viscous coefficient, Stribeck peak and force effects are
-        subtracted from the drive force.  Default: mass and viscous coefficient are estimated as
-        well where the velocity varies enough to show them, otherwise neglected.
+        Axis whose mass, viscous coefficient, Stribeck peak and force effects are subtracted from
+        the drive force.  Default: mass and viscous coefficient are estimated as well where the
+        velocity varies enough to show them, otherwise neglected.
 
     Returns
     -------
@@ -160,49 +136,44 @@ def identify_coulomb(
     Raises
     ------
     ValueError
-        If the record does not move in both directions, or the degree is out
-        of its range or too high for the number of slips.
+        If the record does not move both ways, or the degree is out of range or too high for it.
 
     Warns
     -----
     FitWarning
-        When a level rests on a few slips only, or on nearly one velocity, slower motion left
-        out, or on velocities that may lie within a Stribeck peak.
+        When a level rests on a few slips only, on nearly one velocity (motion slower than 0.6 of
+        the typical one is left out), or on velocities that may lie within a Stribeck peak.
 
     Notes
     -----
-    The drive force is averaged over pieces of motion, weighted by the way
-    travelled: the work of friction.  Whatever inertia does, its work over a
-    slip from rest to rest is zero, so stick-slip ripple does not bias the
-    level; what is left at the ends of a piece is the rise of v^2/2.  Motion
-    slower than 0.6 of the typical velocity is left out: there the level may be
-    that of the Stribeck peak.
+    The drive force is averaged over pieces of motion, weighted by the way travelled: the work of
+    friction.  That of inertia is zero over a slip from rest to rest, so stick-slip ripple does not
+    bias the level; what is left at the ends of a piece is the rise of v^2/2.
 
-    A crawl in which every velocity lies within the peak measures the raised
-    level.  Where it does not stick and slip, nothing in the record shows the
-    difference, except that friction may fall with velocity.  A warning says so unless the axis
-    has a peak, and standard errors are then those of friction at the velocity of the crawl.
+    A crawl with every velocity within a Stribeck peak measures the raised level.  Where it does
+    not stick and slip, nothing in the record shows the difference, except that friction may fall
+    with velocity.  A warning says so unless the axis has a peak; standard errors are then those
+    of friction at the velocity of the crawl.
 
     Examples
     --------
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.identification import slow_ramp_experiment
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, travel=(0.0, 0.3),
     ...                         coulomb=dfc.CoulombMap([8.0, 10.0], 7.0))
-    >>> ramp = slow_ramp_experiment(axis, quantum=1e-6)
+    >>> ramp = dfc.slow_ramp_experiment(axis, quantum=1e-6)
     >>> found = dfc.identify_coulomb(ramp.record, axis=axis)
     >>> found.degrees
     (1, 0)
     """
-    if degree is not None and degree not in range(HIGHEST + 1):
+    if degree is not None and degree not in range(crawl.HIGHEST + 1):
         raise ValueError(
-            f"degree must be a whole number from 0 to {HIGHEST}, or None, got {degree!r}"
+            f"degree must be a whole number from 0 to {crawl.HIGHEST}, or None, got {degree!r}"
         )
     instance("record", record, Record)
     if axis is not None:
         instance("axis", axis, FrictionAxis)
         check_units(axis, record)
-    pieces = average(record)
+    pieces = crawl.average(record)
     for s, name in ((1, "positive"), (-1, "negative")):
         count = int(np.sum(pieces.direction == s))
         if count < 10:
@@ -212,7 +183,7 @@ def identify_coulomb(
             )
     travel = (float(record.x.min()), float(record.x.max()))
     viscous = mass = None
-    fine = average(record, _FINE)
+    fine = crawl.average(record, _FINE)
     if axis is not None:
         pieces = _levelled(axis, pieces)
         if axis.effective().stribeck is None:
@@ -223,24 +194,18 @@ def identify_coulomb(
             _tell(fine, record, "friction falls with velocity, as within a Stribeck peak")
         viscous, mass = max(viscous, 0.0), max(mass, 0.0)
     else:
-        _tell(
-            fine,
-            record,
-            f"the velocity varies by {percent(varies)} only (motion slower than {SLOW:g} of the "
-            "typical velocity is left out)",
-        )
-    force = pieces.u
-    if viscous is not None and mass is not None:
-        force = force - viscous * pieces.v - mass * pieces.rise
+        only = f"the velocity varies by {percent(varies)} only (motion slower than {crawl.SLOW:g}"
+        _tell(fine, record, f"{only} of the typical velocity is left out)")
+    force = pieces.u - (viscous or 0.0) * pieces.v - (mass or 0.0) * pieces.rise
     held_out: dict[int, Floats] = {}
     fits: dict[int, tuple[Floats, Floats, int]] = {}
     for s, name in ((1, "positive"), (-1, "negative")):
         own = pieces.only(pieces.direction == s)
         friction = s * force[pieces.direction == s]
-        blocks = blocks_of(own)
+        blocks = crawl.blocks_of(own)
         count = int(blocks.max()) + 1
         if degree is None:
-            held_out[s], chosen = choose_degree(own, friction, travel, blocks)
+            held_out[s], chosen = crawl.choose_degree(own, friction, travel, blocks)
         elif degree > count - 3:
             raise ValueError(
                 f"degree = {degree} needs at least {degree + 3} slips in {name} direction, record "
@@ -254,28 +219,24 @@ def identify_coulomb(
                 "makes more and smaller ones",
                 FitWarning,
             )
-        fits[s] = _with_covariance(level_of(own, friction, travel, chosen), blocks)
-    powers = [
-        tuple(Legendre(fits[s][0], domain=travel).convert(kind=Polynomial).coef.tolist())
-        for s in (1, -1)
-    ]
-    units = (
-        axis.units if axis is not None else (record.units.get("x", "m"), record.units.get("u", "N"))
-    )
+        fits[s] = _with_covariance(crawl.level_of(own, friction, travel, chosen), blocks)
+    plus, minus = (Legendre(fits[s][0], domain=travel).convert(kind=Polynomial) for s in (1, -1))
+    units = record.units.get("x", "m"), record.units.get("u", "N")
     return CoulombIdentification(
-        *powers,
+        tuple(plus.coef.tolist()),
+        tuple(minus.coef.tolist()),
         degrees=(fits[1][0].size - 1, fits[-1][0].size - 1),
         travel=travel,
         viscous=viscous,
         mass=mass,
         held_out=held_out,
         pieces=pieces,
-        units=units,
+        units=units if axis is None else axis.units,
         _fits=fits,
     )
 
 
-def _tell(pieces: Pieces, record: Record, what: str) -> None:
+def _tell(pieces: crawl.Pieces, record: Record, what: str) -> None:
     """Warn that levels are friction at the velocity of the crawl."""
     speed = float(np.average(np.abs(pieces.v), weights=pieces.way))
     warn(
@@ -286,7 +247,7 @@ def _tell(pieces: Pieces, record: Record, what: str) -> None:
     )
 
 
-def _tell_of_a_peak(pieces: Pieces, record: Record, travel: tuple[float, float]) -> None:
+def _tell_of_a_peak(pieces: crawl.Pieces, record: Record, travel: tuple[float, float]) -> None:
     """Warn where levels may be raised by a Stribeck peak that the axis does not have."""
     speed = np.abs(pieces.v)
     order = np.argsort(speed)
@@ -310,7 +271,7 @@ def _tell_of_a_peak(pieces: Pieces, record: Record, travel: tuple[float, float])
     )
 
 
-def _levelled(axis: FrictionAxis, pieces: Pieces) -> Pieces:
+def _levelled(axis: FrictionAxis, pieces: crawl.Pieces) -> crawl.Pieces:
     """Pieces with the Coulomb level in place of the drive: what else the axis has is taken off."""
     from dryfric_control.estimation.force_residual import forces
 
@@ -323,7 +284,7 @@ def _levelled(axis: FrictionAxis, pieces: Pieces) -> Pieces:
     return pieces._replace(u=level)
 
 
-def _variation(pieces: Pieces) -> float:
+def _variation(pieces: crawl.Pieces) -> float:
     """Standard deviation of the speed along the way, relative to its mean."""
     speed = np.abs(pieces.v)
     mean = np.average(speed, weights=pieces.way)
@@ -331,9 +292,9 @@ def _variation(pieces: Pieces) -> float:
     return float(spread / mean)
 
 
-def _along_the_way(pieces: Pieces, travel: tuple[float, float]) -> tuple[float, float]:
+def _along_the_way(pieces: crawl.Pieces, travel: tuple[float, float]) -> tuple[float, float]:
     """Viscous coefficient and mass by regression, levels of degree 3 aside."""
-    basis = legendre.legvander(inner(pieces.x, travel), 3)
+    basis = legendre.legvander(crawl.inner(pieces.x, travel), 3)
     columns = [basis * (pieces.direction == s)[:, None] for s in (1, -1)]
     table = np.column_stack([*columns, pieces.v, pieces.rise])
     root = np.sqrt(pieces.way)
@@ -341,10 +302,9 @@ def _along_the_way(pieces: Pieces, travel: tuple[float, float]) -> tuple[float, 
     return float(found[-2]), float(found[-1])
 
 
-def _with_covariance(level: Level, blocks: Ints) -> tuple[Floats, Floats, int]:
+def _with_covariance(level: crawl.Level, blocks: Ints) -> tuple[Floats, Floats, int]:
     """Legendre coefficients, covariance from leaving out one block at a time, and their number."""
-    count = int(blocks.max()) + 1
-    left = [blocks != g for g in range(count)]
-    moved = np.array([np.linalg.lstsq(level.rows[k], level.values[k], rcond=None)[0] for k in left])
+    moved = np.array(crawl.without_each(level, blocks))
+    count = len(moved)
     moved -= moved.mean(axis=0)
     return level.coefficients, (count - 1) / count * moved.T @ moved, count

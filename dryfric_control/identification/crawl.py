@@ -62,39 +62,29 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
     step = middle * record.dt
     # An interval counts if it slides at both ends, the same way.
     s = np.where(moving[1:] == moving[:-1], moving[1:], 0)
-    way = np.abs(np.where(s != 0, step, 0.0))
-    typical = np.sum(way * np.abs(middle)) / max(way.sum(), 1e-300)
+    slid = np.abs(np.where(s != 0, step, 0.0))
+    typical = np.sum(slid * np.abs(middle)) / max(slid.sum(), 1e-300)
     s = np.where(s * middle > SLOW * typical, s, 0)
     longest = piece * record.range
     starts = np.flatnonzero((s != 0) & (np.diff(s, prepend=0) != 0))
+    least = 10.0 * max(record.quantum or 0.0, record.noise)
     rows = []
     for number, a in enumerate(starts):
-        rest = np.flatnonzero(s[a:] != s[a])
+        rest, way = np.flatnonzero(s[a:] != s[a]), s[a]
         b = a + int(rest[0]) if rest.size else s.size
-        total = s[a] * (record.x[b] - record.x[a])
+        total = way * (record.x[b] - record.x[a])
         parts = max(1, samples(total, longest))
-        marks = record.x[a] + s[a] * total * np.arange(1, parts) / parts
-        inner = a + np.searchsorted(s[a] * record.x[a:b], s[a] * marks - NEAR * record.range)
+        marks = record.x[a] + way * total * np.arange(1, parts) / parts
+        inner = a + np.searchsorted(way * record.x[a:b], way * marks - NEAR * record.range)
         for c, d in zip([a, *inner], [*inner, b], strict=True):
-            travelled = s[a] * (record.x[d] - record.x[c])
-            least = max(10.0 * (record.quantum or 0.0), 10.0 * record.noise)
-            if d > c and above(travelled, least, NEAR * record.range):
+            far = way * (record.x[d] - record.x[c])
+            if d > c and above(far, least, NEAR * record.range):
                 w = step[c:d] / step[c:d].sum()
-                rows.append(
-                    (
-                        travelled,
-                        w @ (0.5 * (x[c:d] + x[c + 1 : d + 1])),
-                        w @ record.u[c:d],
-                        # The weights hold the same noise: its square is no speed.
-                        w @ middle[c:d] - noise**2 / (w @ middle[c:d]),
-                        s[a] * 0.5 * (v[d] ** 2 - v[c] ** 2) / travelled,
-                        s[a],
-                        number,
-                        v[c],
-                        v[d],
-                        record.t[c],
-                    )
-                )
+                place, speed = w @ (0.5 * (x[c:d] + x[c + 1 : d + 1])), w @ middle[c:d]
+                speed -= noise**2 / speed  # the weights hold the same noise: its square is none
+                rise = way * 0.5 * (v[d] ** 2 - v[c] ** 2) / far
+                means = far, place, w @ record.u[c:d], speed, rise
+                rows.append((*means, way, number, v[c], v[d], record.t[c]))
     columns = np.reshape(rows, (-1, 10)).T
     return Pieces(*columns[:5], *columns[5:7].astype(np.int64), *columns[7:])
 
@@ -201,6 +191,12 @@ def _factor(pieces: Pieces, error: Floats, least: float) -> Floats:
     return np.asarray(cholesky_banded(band, lower=True))
 
 
+def without_each(level: Level, blocks: Ints) -> list[Floats]:
+    """Coefficients found without each of the blocks."""
+    left = (blocks != g for g in range(int(blocks.max()) + 1))
+    return [np.linalg.lstsq(level.rows[k], level.values[k], rcond=None)[0] for k in left]
+
+
 def choose_degree(
     pieces: Pieces, force: Floats, travel: tuple[float, float], blocks: Ints
 ) -> tuple[Floats, int]:
@@ -213,10 +209,8 @@ def choose_degree(
     typical = 1.4826 * float(np.median(np.abs(whole.values - whole.rows @ whole.coefficients)))
     limit = _LIMIT * max(typical, whole.least)
     for d in range(highest + 1):
-        level = level_of(pieces, force, travel, d)
-        for g in range(count):
+        for g, left in enumerate(without_each(level_of(pieces, force, travel, d), blocks)):
             out = blocks == g
-            left = np.linalg.lstsq(level.rows[~out], level.values[~out], rcond=None)[0]
             error = whole.values[out] - whole.rows[out, : d + 1] @ left
             size = np.minimum(np.abs(error), limit)
             errors[d, g] = np.sum(size * (2.0 * np.abs(error) - size))

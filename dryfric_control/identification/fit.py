@@ -14,12 +14,14 @@ from tqdm import tqdm
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, positive, warn, whole
-from dryfric_control.drawing import MEASURED, legend_above, panels
+from dryfric_control.drawing import MEASURED, labelled, panels
+from dryfric_control.estimation import uncertainty
 from dryfric_control.estimation.continuation import continued
 from dryfric_control.estimation.force_residual import Sliding, force_start
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.parameters import (
     SHIFT,
+    SPELLINGS,
     Parameter,
     checked_knowledge,
     choose,
@@ -29,15 +31,6 @@ from dryfric_control.estimation.plausibility import check_distinct, warn_if_impl
 from dryfric_control.estimation.random_force import acts, away_from_rest, lasting
 from dryfric_control.estimation.scoring import FEW, LAST, SOME, maximise
 from dryfric_control.estimation.solution import Solution
-from dryfric_control.estimation.uncertainty import (
-    block_length,
-    bootstrap,
-    degrees_of_freedom,
-    expanded,
-    half_width,
-    jackknife,
-    unseen,
-)
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.identification.identifiability import cannot_tell
 from dryfric_control.identification.replay import Replay, replay
@@ -59,7 +52,6 @@ from dryfric_control.text import (
 from dryfric_control.ties import ranked
 from dryfric_control.units import check_units
 
-_SAME = {"inertia": "mass"}
 # Starts by default, and where a parameter acts at breakaway: the cost has several valleys.
 _STARTS, _MANY = 2, 6
 # Number of starts that are searched on, of many.
@@ -76,11 +68,11 @@ _SHOWN_BY = {
     "viscous": "several velocities",
     **dict.fromkeys(("coulomb", "coulomb_plus", "coulomb_minus"), "slow motion both ways"),
 }
-# Length of the free runs [s], and their number in a record without a drive: enough blocks for
-# the standard errors.
-_WINDOW, _UNDRIVEN = 0.25, 8
-# Least samples of a free run.
-_SHORTEST = 8
+#: Length of the free runs [s].
+WINDOW = 0.25
+# Their number in a record without a drive: enough blocks for the standard errors; their least
+# number of samples.
+_UNDRIVEN, _SHORTEST = 8, 8
 # Force of a velocity's noise that may act from sample to sample, over the Coulomb level, and part
 # of it from which it counts; median of the size of a normal variable; fewest samples left.
 _DISTURBS, _SHOWS, _MEDIAN, _FEWEST = 0.1, 0.3, 0.6745, 500
@@ -96,16 +88,11 @@ class FitWarning(UserWarning):
     An input gain is the same as all other parameters over it:
 
     >>> import warnings
-    >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> t = 1e-3 * np.arange(4000)
-    >>> u = 20.0 * np.sin(6.0 * t)
-    >>> x = 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0])
     >>> free = ("viscous", "input_gain", "mass", "coulomb")
     >>> with warnings.catch_warnings(record=True) as caught:
     ...     warnings.simplefilter("always")
-    ...     found = dfc.fit(axis, dfc.Record(t, u, x), free=free)
+    ...     found = dfc.fit(dfc.datasets.belt_stage_axis(), dfc.datasets.belt_stage(), free)
     >>> any(issubclass(one.category, dfc.FitWarning) for one in caught)
     True
     """
@@ -164,7 +151,8 @@ class Fit(Result):
         dict of str to tuple of float
             Lower and upper end for each parameter.
         """
-        reach = half_width(level, self._freedom(level)) * np.sqrt(np.diag(self._terms[-1]))
+        spread = np.sqrt(np.diag(self._terms[-1]))
+        reach = uncertainty.half_width(level, self._freedom(level)) * spread
         return self._ends(-reach, reach)
 
     def _freedom(self, level: float) -> Floats:
@@ -172,15 +160,12 @@ class Fit(Result):
         if not 0.0 < finite("level", level) < 1.0:
             raise ValueError(f"level must lie between 0 and 1, got {level!r}")
         searched, _, _, normals, away, _ = self._terms
-        return degrees_of_freedom(normals, _prior(searched), away)
+        return uncertainty.degrees_of_freedom(normals, _prior(searched), away)
 
     def _ends(self, low: Floats, high: Floats) -> dict[str, tuple[float, float]]:
         """Values at distances from the estimates, in search coordinates."""
-        searched, z, *_ = self._terms
-        return {
-            p.name: (p.value(c + a), p.value(c + b))
-            for p, c, a, b in zip(searched, z, low, high, strict=True)
-        }
+        rows = zip(*self._terms[:2], low, high, strict=True)
+        return {p.name: (p.value(c + a), p.value(c + b)) for p, c, a, b in rows}
 
     def bootstrap(
         self, level: float = 0.9, repeats: int = 1000, seed: int = 0
@@ -205,8 +190,8 @@ class Fit(Result):
         whole("repeats", repeats)
         whole("seed", seed, least=0)
         searched, _, gradients, normals, away, _ = self._terms
-        steps = bootstrap(gradients, normals, _prior(searched), away, repeats, seed)
-        return self._ends(*expanded(steps, level, freedom))
+        steps = uncertainty.bootstrap(gradients, normals, _prior(searched), away, repeats, seed)
+        return self._ends(*uncertainty.expanded(steps, level, freedom))
 
     def replay(self, record: Record, window: float = 0.25) -> Replay:
         """Windowed free runs of the fitted axis over another record.
@@ -242,19 +227,15 @@ class Fit(Result):
         rows: list[tuple[str, ...]] = [("parameter", "value", "std. error", "90 % interval")]
         for name, value in self.parameters.items():
             number = f"{value:.6g} {self.units[name]}".removesuffix(" 1")
-            low, high = ends[name]
-            error = f"{self.standard_errors[name]:.2g}"
-            rows.append((name, number, error, f"{low:.6g} to {high:.6g}"))
+            reach = "{:.6g} to {:.6g}".format(*ends[name])
+            rows.append((name, number, f"{self.standard_errors[name]:.2g}", reach))
         yield rows
         length, force = self.axis.units
-        for run, pushed, noise in zip(
-            self.training, self.random_force, self.reading_noise, strict=True
-        ):
+        noises = zip(self.training, self.random_force, self.reading_noise, strict=True)
+        for run, pushed, noise in noises:
             yield from run._shown()
-            yield (
-                f"noise of the readings: {length_text(noise, length)} RMS; random force: "
-                + (f"{pushed:.3g} {force} RMS" if pushed else "none")
-            )
+            random = f"{pushed:.3g} {force} RMS" if pushed else "none"
+            yield f"noise of the readings: {length_text(noise, length)} RMS; random force: {random}"
         yield from (f"warning: {message}" for message in self.messages)
 
     def to_dict(self) -> dict[str, Any]:
@@ -273,16 +254,12 @@ class Fit(Result):
         for i, run in enumerate(self.training):
             slide = Sliding(run.windows.record, 3000)
             fastest = max(fastest, float(np.max(np.abs(slide.v), initial=0.0)))
-            top.plot(
-                slide.v, -slide.force_residual(bare), ".", color=MEASURED, ms=2,
-                label="measured, net of inertia and effects" if i == 0 else None,
-            )  # fmt: skip
+            label = None if i else "measured, net of inertia and effects"
+            top.plot(slide.v, -slide.force_residual(bare), ".", color=MEASURED, ms=2, label=label)
         x = np.concatenate([run.windows.record.x for run in self.training])
         span = float(x.min()), float(x.max())
         draw_curve(axis.replace(effects=()), top, fastest, span, "fitted", color="k", lw=1.5)
-        top.set_xlabel(f"velocity [{length}/s]")
-        top.set_ylabel(f"friction [{force}]")
-        legend_above(top)
+        labelled(top, f"velocity [{length}/s]", f"friction [{force}]")
         _draw_errors(bottom, self.training, length)
         return f"{axis.name}: fit"
 
@@ -349,30 +326,27 @@ def fit(
     Parameters
     ----------
     axis : FrictionAxis
-        The nominal axis: start of the search, and values of what is not
-        free.
+        The nominal axis: start of the search, and values of what is not free.
     record : Record or sequence of Record
         Measured runs, all of the same axis.
     free : sequence of str, optional
-        What to fit: mass, viscous, coulomb (both directions alike),
-        coulomb_plus, coulomb_minus, coulomb_map (all coefficients of both
-        polynomials), stribeck (excess and speed), stick_speed, stick_rate, or
-        an effect: "bias_force", "spring.stiffness".  An effect that the axis
-        does not have is added.  "input_shift" is a time by which the recorded
-        input acts late (or early, negative): a property of the recording.
+        What to fit: mass, viscous, coulomb (both directions alike), coulomb_plus, coulomb_minus,
+        coulomb_map (all coefficients of both polynomials), stribeck (excess and speed),
+        stick_speed, stick_rate, or an effect: "bias_force", "spring.stiffness".  An effect that the
+        axis does not have is added.  "input_shift" is a time by which the recorded input acts late
+        (or early, negative): a property of the recording.
     known : sequence of str, optional
         Parameters among `free` that stay at their nominal values.
     tolerance : mapping of str to float, optional
         Relative standard deviations of nominal values, such as ``{"viscous": 0.5}``.
     window : float, optional
-        Length of the free runs that show the fit [s].  Default: 0.25 s; without a drive, whose
-        noise would add up in them, an eighth of the shortest record.
+        Length of the free runs that show the fit [s].  Default: 0.25 s; without a drive an eighth
+        of the shortest record.
     hold : {"zero", "first"}, optional
         Whether the recorded input is held or runs linearly between samples.
     starts : int, optional
-        Number of starting points.  Default: 2 (the nominal values, and a
-        regression of the drive force), 6 where Stribeck or stick parameters
-        are free, whose cost has several minima.
+        Number of starting points.  Default: 2 (the nominal values, and a regression of the drive
+        force), 6 where Stribeck or stick parameters are free, whose cost has several minima.
     block : float, optional
         Length of the blocks for the uncertainty [s].  Default: 1 s.
     seed : int, optional
@@ -394,11 +368,10 @@ def fit(
     Warns
     -----
     FitWarning
-        When the record does not determine a parameter or does not separate two, a
-        parameter ends at a bound, a base parameter ends more than a factor of two from its
-        start value, or the model does not fit: the random force that is left is
-        correlated in time; or when a position that is the integral of a noisy velocity is
-        fitted at every few samples.
+        When the record does not determine a parameter or does not separate two, one ends at a
+        bound, or of the base more than a factor of two from its start value; when the model does
+        not fit (the random force left is correlated in time: parameters absorb part of what the
+        axis lacks); or when the integral of a noisy velocity is fitted at every few samples.
     RecordWarning
         When a unit or a sign seems wrong, see `warn_if_implausible`.
 
@@ -411,21 +384,18 @@ def fit(
     Student's t is their distribution, against single mistimed breakaways.  From each start the
     search begins at a large random force, where the likelihood is smooth.
 
-    Where a random force acts, samples within 10 ms of a start or stop, and slower than 2 % of
-    the high velocities, do not count unless a parameter acts by breakaway: a noisy input
-    releases the model but not the machine.
+    Where a random force acts, samples within 10 ms of a start or stop, and slower than 2 % of the
+    high velocities, count only if a parameter acts by breakaway: a noisy input releases the model
+    but not the machine.
 
-    Standard errors come from leaving out blocks of the record, so that they hold
-    where what is left is correlated in time for less than a block.  They do not
-    hold for an error that all blocks share, such as that of an input which the
-    recorder has averaged.  Where the axis lacks an effect, the parameters absorb
-    part of it: heed the warning.
+    Standard errors come from leaving out blocks of the record: they hold where what is left is
+    correlated in time for less than a block, and for no error that all blocks share, such as
+    that of an input which the recorder has averaged.
 
     Examples
     --------
     >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.records.record import Record
     >>> true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     >>> t = 1e-3 * np.arange(4000)
     >>> u = 20.0 * np.sin(6.0 * t) + 10.0 * np.sin(17.0 * t)
@@ -448,7 +418,7 @@ def fit(
     whole("jobs", jobs)
     known, tolerance = checked_knowledge(known, tolerance)
     if known and not isinstance(free, str):
-        free = [name for name in free if _SAME.get(name, name) not in known]
+        free = [name for name in free if SPELLINGS.get(name, name) not in known]
         if not free:
             raise ValueError(f"known: {', '.join(known)} leave nothing free")
     for i, r in enumerate(records):
@@ -479,20 +449,20 @@ def problem_of(
 ) -> Likelihood:
     """Likelihood of parameters of an axis in records, without a prior but for `tolerance`."""
     axis, parameters = choose(axis, free, typical(records))
-    length = block_length(records) if block is None else block
-    return Likelihood(
-        axis, [p.name for p in parameters],
-        [prepare(r, block=length, mass=axis.mass) for r in records],
-        tolerance=tolerance, priors=(), hold=hold,
-    )  # fmt: skip
+    length = uncertainty.block_length(records) if block is None else block
+    names, runs = (
+        [p.name for p in parameters],
+        [prepare(r, None, length, axis.mass) for r in records],
+    )
+    return Likelihood(axis, names, runs, tolerance=tolerance, priors=(), hold=hold)
 
 
 def likeliest(
     problem: Likelihood,
     points: Sequence[Floats],
-    window: float = _WINDOW,
-    jobs: int = 1,
-    progress: bool = False,
+    window: float,
+    jobs: int,
+    progress: bool,
     name: str = "fit",
     kept: int = _KEPT,
 ) -> Fit:
@@ -505,25 +475,20 @@ def likeliest(
         return maximise(own, continued(own, np.concatenate((point, noises))), few)
 
     run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
-    ends = list(
-        tqdm(
-            run(joblib.delayed(search)(p) for p in points),
-            total=len(points), desc=name, unit="start", disable=not progress,
-        )
-    )  # fmt: skip
+    found = run(joblib.delayed(search)(p) for p in points)
+    ends = list(tqdm(found, name, len(points), unit="start", disable=not progress))
     ends = [ends[i] for i in ranked([one.cost for one in ends], _EQUAL)][:kept]
     if few < SOME:
         ends = [maximise(one.problem, one.z, SOME, again=True) for one in ends]
     best = ends[ranked([one.cost for one in ends], _EQUAL)[0]]
     if not best.point.out:
         best.problem.at(best.z)  # says why there is no such axis
-    found = maximise(best.problem, best.z, LAST, again=True)
-    acting = any(acts(found, i) for i in range(len(problem.runs)))
+    last = maximise(best.problem, best.z, LAST, again=True)
+    acting = any(acts(last, i) for i in range(len(problem.runs)))
     if acting and not any(p.breaks_away for p in problem.parameters):
-        rows = zip(found.problem.runs, found.point.states, strict=True)
-        clear = found.problem.on([away_from_rest(run, states) for run, states in rows])
-        found = maximise(clear, found.z, SOME, again=True)
-    return _result(found, points[0], window, acting)
+        clear = last.problem.on(list(map(away_from_rest, last.problem.runs, last.point.states)))
+        last = maximise(clear, last.z, SOME, again=True)
+    return _result(last, points[0], window, acting)
 
 
 def _coarser(axis: FrictionAxis, record: Record) -> Record:
@@ -554,8 +519,8 @@ def _coarser(axis: FrictionAxis, record: Record) -> Record:
 def _window(records: Sequence[Record]) -> float:
     """Length of the free runs where none is given [s]."""
     if any(np.any(r.u) for r in records):
-        return max(_WINDOW, _SHORTEST * max(r.dt for r in records))
-    return max(_WINDOW, min(r.duration for r in records) / _UNDRIVEN)
+        return max(WINDOW, _SHORTEST * max(r.dt for r in records))
+    return max(WINDOW, min(r.duration for r in records) / _UNDRIVEN)
 
 
 def _draw_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:
@@ -564,17 +529,13 @@ def _draw_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:
     factor, unit = prefixed(float(np.median(runs[0].rms_by_window)), unit)
     for i, run in enumerate(runs):
         label = run.windows.record.name if len(runs) > 1 else "error of each free run"
-        ax.semilogy(
-            run.windows.start_times, run.rms_by_window / factor, "o-", ms=3, lw=0.8, color=f"C{i}",
-            label=label,
-        )  # fmt: skip
+        style = {"ms": 3, "lw": 0.8, "color": f"C{i}", "label": label}
+        ax.semilogy(run.windows.start_times, run.rms_by_window / factor, "o-", **style)
     ax.axhline(runs[0].quantum / factor, color="k", lw=0.8, ls=":", label="encoder quantum")
     if least < _NOTHING * runs[0].quantum:
         # Windows at rest, which every model holds, must not squeeze the others together.
         ax.set_ylim(bottom=_NOTHING * runs[0].quantum / factor)
-    ax.set_xlabel("Time [s]")
-    ax.set_ylabel(f"RMS error [{unit}]")
-    legend_above(ax)
+    labelled(ax, "Time [s]", f"RMS error [{unit}]")
 
 
 def _starting_points(
@@ -623,37 +584,34 @@ def _prior(parameters: Sequence[Parameter]) -> Floats:
 
 def _limits(problem: Likelihood, z: Floats) -> list[str]:
     """Parameters that a fit left at a bound other than zero."""
-    found = []
-    for p, c, low, high in zip(problem.parameters, z, problem.low, problem.high, strict=False):
-        value = p.value(c)
-        if (c <= low or c >= high) and value != 0.0:
-            found.append(
-                f"{p.name} ended at its bound, {value:.4g} {p.unit}: the model does not fit, or "
-                "the record does not determine it"
-            )
-    return found
+    rows = zip(problem.parameters, z, problem.low, problem.high, strict=False)
+    return [
+        f"{p.name} ended at its bound, {p.value(c):.4g} {p.unit}: the model does not fit, or the "
+        "record does not determine it"
+        for p, c, low, high in rows
+        if (c <= low or c >= high) and p.value(c) != 0.0
+    ]
 
 
 def _far(problem: Likelihood, first: Floats, z: Floats) -> list[str]:
     """Base parameters that a fit left far from their start values, in one message."""
-    ends = []
+    ends, shown = [], []
     for p, start, end in zip(problem.parameters, first, z, strict=True):
         before, after = p.value(start), p.value(end)
-        if p.name not in _SHOWN_BY or min(before, after) <= 0.0:
-            continue
-        factor = max(before, after) / min(before, after)
-        if factor > _BOLD:
-            way = "above" if after > before else "below"
-            ends.append(
-                (p.name, f"{p.name} ended {factor:.3g} times {way} its start value "
-                f"({after:.4g}, start {before:.4g} {p.unit})")
-            )  # fmt: skip
+        if p.name in _SHOWN_BY and min(before, after) > 0.0:
+            factor, way = (after / before, "above") if after > before else (before / after, "below")
+            if factor > _BOLD:
+                ends.append(
+                    f"{p.name} ended {factor:.3g} times {way} its start value ({after:.4g}, start "
+                    f"{before:.4g} {p.unit})"
+                )
+                shown.append(_SHOWN_BY[p.name])
     if not ends:
         return []
-    shown = " and ".join(_SHOWN_BY[name] for name, _ in ends)
     return [
-        f"{', '.join(text for _, text in ends)}: if the start is trusted, check the units of u and "
-        f"x, the gain of the drive (read_record(..., gain=...)), and that the record has {shown}"
+        f"{', '.join(ends)}: if the start is trusted, check the units of u and "
+        f"x, the gain of the drive (read_record(..., gain=...)), and that the record has "
+        f"{' and '.join(shown)}"
     ]
 
 
@@ -677,16 +635,15 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
     gradients = found.gradients[:, :count]
     normals = found.curvature() * found.information[:, :count, :count]
     prior = _prior(problem.parameters) + problem.prior_terms(found.z)[2][:count]
-    away = unseen(normals.sum(axis=0), found.information_of)
-    covariance = jackknife(gradients, normals, prior, away)
+    away = uncertainty.unseen(normals.sum(axis=0), found.information_of)
+    covariance = uncertainty.jackknife(gradients, normals, prior, away)
     if away.size:
         # What the record leaves open stays as near to the nominal values as it can.
         basis = np.linalg.qr(away.T)[0]
         z = np.clip(z - basis @ (basis.T @ (z - first)), low, high)
-    names, parameters = problem.names, tuple(problem.parameters)
+    names, parameters, axis = problem.names, tuple(problem.parameters), problem.axis_at(z)
     hold = "first" if problem.first else "zero"
     values = np.array([p.value(c) for p, c in zip(parameters, z, strict=True)])
-    axis = problem.axis_at(z)
     slopes = np.array([p.slope(v) for p, v in zip(parameters, values, strict=True)])
     errors = slopes * np.sqrt(np.diag(covariance))
     blind = np.any(np.abs(away) > 1e-3, axis=0)
@@ -700,22 +657,14 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
     runs = range(len(problem.runs))
     records = [r.record for r in problem.runs]
     force = tuple(found.random_force(i) if acting else 0.0 for i in runs)
-    messages = cannot_tell(axis, records, parameters, values, errors, correlation, away, slopes)
-    messages += (*_limits(problem, z), *_misfit(axis, found, max(force)))
-    messages += tuple(_far(problem, first, z))
-    messages = tuple(rotary_words(message, axis.units[1]) for message in messages)
+    said = cannot_tell(axis, records, parameters, values, errors, correlation, away, slopes)
+    said += [*_limits(problem, z), *_misfit(axis, found, max(force)), *_far(problem, first, z)]
+    messages = tuple(rotary_words(message, axis.units[1]) for message in said)
     for message in messages:
         warn(message, FitWarning)
-    given = dict(zip(names, values.tolist(), strict=True))
-    return Fit(
-        axis,
-        given,
-        dict(zip(names, errors.tolist(), strict=True)),
-        correlation,
-        {p.name: p.unit for p in parameters},
-        messages,
-        force,
-        tuple(found.reading_noise(i) for i in runs),
-        tuple(replay(axis, r, window, hold, shift=given.get(SHIFT, 0.0)) for r in records),
-        (parameters, z, gradients, normals, away, covariance),
-    )
+    given, spreads = (dict(zip(names, v.tolist(), strict=True)) for v in (values, errors))
+    units = {p.name: p.unit for p in parameters}
+    noise = tuple(found.reading_noise(i) for i in runs)
+    shown = tuple(replay(axis, r, window, hold, shift=given.get(SHIFT, 0.0)) for r in records)
+    terms = parameters, z, gradients, normals, away, covariance
+    return Fit(axis, given, spreads, correlation, units, messages, force, noise, shown, terms)

@@ -34,29 +34,27 @@ def cannot_tell(
     correlation: Floats,
     away: Floats,
     slopes: Floats,
-) -> tuple[str, ...]:
+) -> list[str]:
     """Messages on what the records leave open, each with its cause.
 
-    `away`, shape (ndirections, nparameters): directions without effect, in search
-    coordinates; `slopes`, shape (nparameters,): change of the values with these.
+    `away`: directions without effect, as rows, in search coordinates; `slopes`: of the values.
     """
     names = [p.name for p in parameters]
     messages = []
     named: set[str] = set()
     for row in away:
         parts = [(n, c * s) for n, c, s in zip(names, row, slopes, strict=True) if abs(c) > 1e-3]
-        named.update(n for n, _ in parts)
-        if len(parts) == 1:
-            p = parameters[names.index(parts[0][0])]
-            why = _cause(axis, records, p)
-            messages.append(f"the data are uninformative about {p.name}: {why}")
+        *most, last = together = [n for n, _ in parts]
+        named.update(together)
+        if not most:
+            why = _cause(axis, records, parameters[names.index(last)])
+            messages.append(f"the data are uninformative about {last}: {why}")
             continue
-        unit = parts[0][1]
-        change = ", ".join(f"{n} by {c / unit:+.3g}" for n, c in parts)
+        change = ", ".join(f"{n} by {c / parts[0][1]:+.3g}" for n, c in parts)
         messages.append(
-            f"{_listed(n for n, _ in parts)} cannot be separated: changing {change} gives the "
+            f"{', '.join(most)} and {last} cannot be separated: changing {change} gives the "
             f"same motion. The values given are those nearest to the nominal ones; hold one of "
-            f"them{_reason({n for n, _ in parts})}"
+            f"them{_reason({*together})}"
         )
     for i, p in enumerate(parameters):
         size = abs(values[i])
@@ -75,30 +73,26 @@ def cannot_tell(
             )
             named.add(p.name)
     loose = errors > _NOTICED * np.abs(values)
-    pairs = []
-    for i in range(len(names)):
-        for j in range(i):
-            # Coefficients of a polynomial always trade; its value is what counts.
-            polynomial = "[" in names[i] and "[" in names[j]
-            close = abs(correlation[i, j]) > _TOGETHER and (loose[i] or loose[j])
-            if close and not polynomial and not ({names[i], names[j]} & named):
-                pairs.append((i, j))
+    # Coefficients of a polynomial always trade; its value is what counts.
+    polynomial = {n for n in names if "[" in n}
+    pairs = [
+        (i, j)
+        for i, j in zip(*np.tril_indices(len(names), -1), strict=True)
+        if abs(correlation[i, j]) > _TOGETHER
+        and (loose[i] or loose[j])
+        and not ({names[i], names[j]} & named or {names[i], names[j]} <= polynomial)
+    ]
     pairs.sort(key=lambda pair: -abs(correlation[pair]))
-    for i, j in pairs[:_PAIRS]:
-        sign = "sum" if correlation[i, j] < 0.0 else "difference"
+    for pair in pairs[:_PAIRS]:
+        other, one = (names[k] for k in pair)
+        sign = "sum" if correlation[pair] < 0.0 else "difference"
         messages.append(
-            f"{names[j]} and {names[i]} trade against each other (correlation "
-            f"{correlation[i, j]:+.3f}): the record fixes their weighted {sign} far "
-            f"better than either{_reason({names[i], names[j]})}"
+            f"{one} and {other} trade against each other (correlation {correlation[pair]:+.3f}): "
+            f"the record fixes their weighted {sign} far better than either{_reason({one, other})}"
         )
     if len(pairs) > _PAIRS:
         messages.append(f"{len(pairs) - _PAIRS} more pairs trade like these, see .correlation")
-    return tuple(messages)
-
-
-def _listed(names: object) -> str:
-    items = list(names)  # type: ignore[call-overload]
-    return ", ".join(items[:-1]) + " and " + items[-1]
+    return messages
 
 
 def _reason(names: set[str]) -> str:
@@ -116,8 +110,8 @@ def _cause(axis: FrictionAxis, records: Sequence[Record], parameter: Parameter) 
     """Why a parameter has little effect in the records."""
     axis, name = axis.effective(), parameter.name
     force = np.sqrt(np.mean(np.concatenate([r.u for r in records]) ** 2))
-    smooth = [r.derivatives() for r in records]
-    speed = np.concatenate([s.v for s in smooth])
+    speed = np.concatenate([r.derivatives().v for r in records])
+    way = np.concatenate([directions(r) for r in records])
     if name == "mass":
         # A longer smoothing: here the noise of the acceleration would count as motion.
         long = [r.derivatives(_long(r)).a for r in records]
@@ -127,7 +121,7 @@ def _cause(axis: FrictionAxis, records: Sequence[Record], parameter: Parameter) 
             "excite it with quick reversals"
         )
     if name == "viscous":
-        sliding = np.abs(speed[np.concatenate([directions(r) for r in records]) != 0])
+        sliding = np.abs(speed[way != 0])
         slow, fast = np.quantile(sliding, (0.05, 0.95)) if sliding.size else (0.0, 0.0)
         return (
             f"90 % of the motion is at {slow:.3g} to {fast:.3g} {axis.unit('m/s')}, over which f v "
@@ -142,8 +136,7 @@ def _cause(axis: FrictionAxis, records: Sequence[Record], parameter: Parameter) 
         return "the drive force is large against it; crawl slowly both ways"
     if parameter.breaks_away or name == "stick_rate":
         slow = axis.stick_speed + (axis.stribeck.speed if axis.stribeck else 0.0)
-        moving = np.concatenate([directions(r) for r in records]) != 0
-        share = float(np.mean(moving & (np.abs(speed) < slow)))
+        share = float(np.mean((way != 0) & (np.abs(speed) < slow)))
         return (
             f"the axis slides below {slow:.3g} {axis.unit('m/s')} in {percent(share)} of the "
             "samples; crawl slowly, with stops"

@@ -9,7 +9,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance
-from dryfric_control.drawing import MEASURED, legend_above, panels
+from dryfric_control.drawing import MEASURED, labelled, panels
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
@@ -38,7 +38,7 @@ class Replay(Result):
     @property
     def rms(self) -> float:
         """RMS error over all samples."""
-        return float(np.sqrt(np.mean(self.errors**2)))
+        return _rms(self.errors)
 
     @property
     def median(self) -> float:
@@ -51,17 +51,15 @@ class Replay(Result):
         return float(np.mean(np.log1p((self.rms_by_window / self.quantum) ** 2)))
 
     def _shown(self) -> list[str]:
-        record = self.windows.record
-        unit = self.axis.units[0]
-        size = float(self.windows.samples[0] * record.dt)
+        record, windows, worst = self.windows.record, self.windows, float(self.rms_by_window.max())
+        rms, median, most = (
+            length_text(one, self.axis.units[0]) for one in (self.rms, self.median, worst)
+        )
         name = f"{record.name}: " if record.name else ""
         return [
-            f"{name}free runs of {size:.3g} s, started from the smoothed record "
-            f"({len(self.windows)} windows from "
-            f"{record.t[0]:.4g} s to {record.t[-1]:.4g} s): RMS error "
-            f"{length_text(self.rms, unit)} ({self.rms / self.quantum:.3g} quanta), median "
-            f"{length_text(self.median, unit)}, worst "
-            f"{length_text(float(self.rms_by_window.max()), unit)}"
+            f"{name}free runs of {windows.samples[0] * record.dt:.3g} s, started from the smoothed "
+            f"record ({len(windows)} windows from {record.t[0]:.4g} s to {record.t[-1]:.4g} s): "
+            f"RMS error {rms} ({self.rms / self.quantum:.3g} quanta), median {median}, worst {most}"
         ]
 
     def to_dict(self) -> dict[str, Any]:
@@ -87,19 +85,21 @@ class Replay(Result):
         )
         axes[0].plot(record.t, record.x, ".", color=MEASURED, ms=3, label="measured")
         axes[0].plot(t, runs, "k-", lw=1, label="free runs")
-        axes[0].set_ylabel(f"position [{length}]")
+        labelled(axes[0], y=f"position [{length}]")
         _draw_error(axes[1], t, errors, length)
-        for one in axes:
-            legend_above(one)
         axes[1].set_xlabel("Time [s]")
         return f"{self.axis.name}: free runs"
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _draw_error(ax: Any, t: Any, error: Any, unit: str) -> None:
     """Error of position over time, in a unit in which it is readable."""
     factor, unit = prefixed(0.1 * float(np.nanmax(np.abs(error))), unit)
     ax.plot(t, error / factor, "-", color="C3", lw=0.8, label="simulated - measured")
-    ax.set_ylabel(f"error [{unit}]")
+    labelled(ax, y=f"error [{unit}]")
 
 
 def replay(
@@ -132,24 +132,21 @@ def replay(
     Raises
     ------
     ValueError
-        If the window holds fewer than 5 samples or more than the record, or for several
-        records, which have a replay each.
+        If the window holds fewer than 5 samples or more than the record, or for several records.
 
     Notes
     -----
-    Each window starts from the smoothed record.  A replay of a whole record
-    from one start would integrate every small force error twice, for the whole
-    time, and measure little else.
+    Each window starts from the smoothed record.  A replay of a whole record from one start would
+    integrate every small force error twice, for the whole time, and measure little else.
 
     Examples
     --------
     >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.records.record import Record
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     >>> t = 1e-3 * np.arange(2000)
     >>> u = 20.0 * np.sin(6.0 * t)
-    >>> record = Record(t, u, 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0]))
+    >>> record = dfc.Record(t, u, 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0]))
     >>> bool(dfc.replay(axis, record).median < 10e-6)
     True
     """
@@ -175,32 +172,31 @@ class LoopReplay(Result):
     @property
     def position_rms(self) -> float:
         """RMS of modelled minus measured position."""
-        return float(np.sqrt(np.mean((self.response.y[0] - self.record.x) ** 2)))
+        return _rms(self.response.y[0] - self.record.x)
 
     @property
     def force_rms(self) -> float:
         """RMS of modelled minus measured drive force."""
-        return float(np.sqrt(np.mean((self.response.y[4] - self.record.u) ** 2)))
+        return _rms(self.response.y[4] - self.record.u)
 
     @property
     def relative_force(self) -> float:
         """RMS error of the drive force relative to its RMS."""
-        return self.force_rms / float(np.sqrt(np.mean(self.record.u**2)))
+        return self.force_rms / _rms(self.record.u)
 
     def _shown(self) -> list[str]:
         worst = float(np.max(np.abs(self.response.y[0] - self.record.x)))
+        rms, most = (length_text(one, self.units[0]) for one in (self.position_rms, worst))
         return [
-            f"closed loop over {self.record.duration:.4g} s: position RMS error "
-            f"{length_text(self.position_rms, self.units[0])}, worst "
-            f"{length_text(worst, self.units[0])}; drive force RMS error "
-            f"{self.force_rms:.3g} {self.units[1]} ({100 * self.relative_force:.2f} %)"
+            f"closed loop over {self.record.duration:.4g} s: position RMS error {rms}, worst "
+            f"{most}; drive force RMS error {self.force_rms:.3g} {self.units[1]} "
+            f"({100 * self.relative_force:.2f} %)"
         ]
 
     def to_dict(self) -> dict[str, float]:
         """Numbers of the replay, ready for JSON."""
-        return {
-            name: getattr(self, name) for name in ("position_rms", "force_rms", "relative_force")
-        }
+        names = ("position_rms", "force_rms", "relative_force")
+        return {name: getattr(self, name) for name in names}
 
     @panels(3)
     def plot(self, axes: Any) -> str:
@@ -209,14 +205,11 @@ class LoopReplay(Result):
         t, y = self.record.t, self.response.y
         axes[0].plot(t, self.record.x, ".", color=MEASURED, ms=3, label="measured")
         axes[0].plot(t, y[0], "k-", lw=1, label="model")
-        axes[0].set_ylabel(f"position [{length}]")
+        labelled(axes[0], y=f"position [{length}]")
         _draw_error(axes[1], t, y[0] - self.record.x, length)
         axes[2].plot(t, self.record.u, ".", color=MEASURED, ms=4, label="measured")
         axes[2].plot(t, y[4], "k-", lw=0.8, label="model")
-        axes[2].set_ylabel(f"drive force [{force}]")
-        for one in axes:
-            legend_above(one)
-        axes[2].set_xlabel("Time [s]")
+        labelled(axes[2], "Time [s]", f"drive force [{force}]")
         return str(self.response.title)
 
 
@@ -230,8 +223,7 @@ def replay_loop(axis: FrictionAxis, record: Record, controller: PositionControll
     record : Record
         The record; its `reference` drives the loop.
     controller : PositionController
-        The controller that ran when the record was taken, in the record's
-        units of force.
+        The controller that ran when the record was taken, in the record's units of force.
 
     Returns
     -------
@@ -240,19 +232,17 @@ def replay_loop(axis: FrictionAxis, record: Record, controller: PositionControll
     Raises
     ------
     ValueError
-        If the record has no reference, or another sampling time than the
-        controller.
+        If the record has no reference, or another sampling time than the controller.
 
     Examples
     --------
     >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.records.record import Record
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     >>> loop = dfc.PositionController(kp=2000.0, ki=0.0, kd=90.0, dt=1e-3)
     >>> r = 0.1 * np.sin(3e-3 * np.arange(3000))
     >>> done = dfc.simulate_loop(axis, loop, r)
-    >>> record = Record(done.t, done.y[4], done.y[5], r)
+    >>> record = dfc.Record(done.t, done.y[4], done.y[5], r)
     >>> dfc.replay_loop(axis, record, loop).position_rms < 1e-6
     True
     """
@@ -268,15 +258,9 @@ def replay_loop(axis: FrictionAxis, record: Record, controller: PositionControll
             f"controller.dt is {controller.dt:g} s and the record's step {record.dt:g} s: they "
             "must agree"
         )
-    start = record.derivatives()
-    response = simulate_loop(
-        axis,
-        controller,
-        record.reference,
-        quantum=record.quantum or 0.0,
-        x0=float(start.x[0]),
-        v0=float(start.v[0]),
-    )
+    start, quantum = record.derivatives(), record.quantum or 0.0
+    x0, v0 = float(start.x[0]), float(start.v[0])
+    response = simulate_loop(axis, controller, record.reference, quantum=quantum, x0=x0, v0=v0)
     return LoopReplay(record, response, axis.units)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import instance, positive, warn
-from dryfric_control.drawing import MEASURED, legend_above, panels
+from dryfric_control.drawing import MEASURED, labelled, panels
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis, span_of
 from dryfric_control.model.loops import PositionController, simulate_loop
@@ -73,11 +73,9 @@ class SlowRamp(Result):
         record = self.record
         axes[0].plot(record.t, record.x, "-", color=MEASURED, lw=2.5, label="position")
         axes[0].plot(record.t, self.reference, "--", color="C0", lw=1, label="reference")
-        axes[0].set_ylabel(f"position [{length}]")
-        legend_above(axes[0])
+        labelled(axes[0], y=f"position [{length}]")
         axes[1].plot(record.t, record.u, "-", color="0.4", lw=0.8)
-        axes[1].set_ylabel(f"drive force [{force}]")
-        axes[1].set_xlabel("Time [s]")
+        labelled(axes[1], "Time [s]", f"drive force [{force}]", legend=False)
         return record.name or "slow ramp"
 
 
@@ -102,10 +100,9 @@ def slow_ramp_experiment(
     dt : float, optional
         Sampling time [s].
     bandwidth : float, optional
-        Bandwidth of the position loop [rad/s]: low, so that the drive force
-        follows friction.
+        Bandwidth of the position loop [rad/s]: low, so that the drive force follows friction.
     travel : tuple of float, optional
-        Lowest and highest position.  Default: the axis' own travel.
+        Lowest and highest position.  Default: that of the axis.
     quantum : float, optional
         Encoder increment; 0 reads exactly.
     controller : PositionController, optional
@@ -114,8 +111,7 @@ def slow_ramp_experiment(
     Returns
     -------
     SlowRamp
-        With `record` for `identify_coulomb`, and `to_csv` to run the same
-        reference on a bench.
+        With `record` for `identify_coulomb`, and `to_csv` to run the reference on a bench.
 
     Raises
     ------
@@ -125,15 +121,13 @@ def slow_ramp_experiment(
     Warns
     -----
     FitWarning
-        If the crawl stays within the Stribeck peak without sticking: what it
-        measures is the raised friction then, not the Coulomb level.
+        If the crawl stays within the Stribeck peak without sticking: it measures raised friction.
 
     Notes
     -----
-    The velocity is small and nearly constant, so in m v' = u - f v - F(x) the
-    terms m v' and f v drop out and the drive force is the friction at the
-    place reached (paper, section 3).  Where the axis sticks and slips, that
-    holds on average only, see `identify_coulomb`.
+    The velocity is small and nearly constant, so in m v' = u - f v - F(x) the terms m v' and f v
+    drop out and the drive force is the friction at the place reached (paper, section 3).  Where
+    the axis sticks and slips, that holds on average only, see `identify_coulomb`.
 
     Examples
     --------
@@ -164,15 +158,9 @@ def slow_ramp_experiment(
     t = np.arange(round(duration / dt)) * dt
     reference = np.interp(t, [0.0, 0.5 * duration, duration], [low, high, low])
     response = simulate_loop(axis, controller, reference, quantum=quantum, x0=low)
-    record = Record(
-        t,
-        response.y[4],
-        response.y[5],
-        reference,
-        units={"x": axis.units[0], "u": axis.units[1]},
-        name=f"slow ramp of {axis.name}",
-        quantum=quantum,
-    )
+    units, name = dict(zip("xu", axis.units, strict=True)), f"slow ramp of {axis.name}"
+    u, x = response.y[4], response.y[5]
+    record = Record(t, u, x, reference, units=units, name=name, quantum=quantum)
     ramp = SlowRamp(axis, controller, record, response)
     speed = 2.0 * (high - low) / duration
     peak, unit = axis.effective().stribeck, f"{axis.units[0]}/s"

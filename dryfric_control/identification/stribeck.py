@@ -10,9 +10,9 @@ import numpy as np
 
 from dryfric_control.arrays import Ints
 from dryfric_control.checks import instance, whole
-from dryfric_control.drawing import MEASURED, legend_above, panels
+from dryfric_control.drawing import MEASURED, labelled, panels
 from dryfric_control.estimation.parameters import choose, typical, values_of
-from dryfric_control.identification.fit import Fit, likeliest, problem_of
+from dryfric_control.identification.fit import WINDOW, Fit, likeliest, problem_of
 from dryfric_control.identification.replay import LoopReplay, replay_loop
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import Stribeck
@@ -90,10 +90,8 @@ class StribeckIdentification(Result):
         length, force = self.axis.units
         for name, one in (("measured", self.measured), ("replayed", self.replayed)):
             if one is not None:
-                yield (
-                    f"ripple {name}: amplitude {one.amplitude:.4g} {force}, period "
-                    f"{one.period:.4g} s, slip {one.slip:.4g} {length}, {one.count} slips"
-                )
+                size = f"amplitude {one.amplitude:.4g} {force}, period {one.period:.4g} s"
+                yield f"ripple {name}: {size}, slip {one.slip:.4g} {length}, {one.count} slips"
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers of the result, ready for JSON."""
@@ -113,19 +111,14 @@ class StribeckIdentification(Result):
             axes[1].plot(one.t[some], one.u[some], "k-", lw=0.8)
         places = np.linspace(float(record.x.min()), float(record.x.max()), 200)
         for s in (1, -1):
-            axes[0].plot(
-                places, s * self.axis.coulomb(places, s), "--", color="C2", lw=1,
-                label="Coulomb level" if s == 1 else None,
-            )  # fmt: skip
-            axes[0].plot(
-                places, s * self.axis.breakaway(places, s), ":", color="C3", lw=1,
-                label="breakaway friction force" if s == 1 else None,
-            )  # fmt: skip
-        axes[0].set_xlabel(f"position [{length}]")
-        axes[1].set_xlabel("Time [s]")
-        for one in axes:
-            one.set_ylabel(f"drive force [{force}]")
-        legend_above(axes[0])
+            for of, line, colour, name in (
+                (self.axis.coulomb, "--", "C2", "Coulomb level"),
+                (self.axis.breakaway, ":", "C3", "breakaway friction force"),
+            ):
+                label = name if s == 1 else None
+                axes[0].plot(places, s * of(places, s), line, color=colour, lw=1, label=label)
+        labelled(axes[0], f"position [{length}]", f"drive force [{force}]")
+        labelled(axes[1], "Time [s]", f"drive force [{force}]", legend=False)
         if self.measured is not None:
             # A dozen periods: the whole record would hide the ripple.
             middle = float(record.t[len(record) // 4])
@@ -193,8 +186,7 @@ def identify_stribeck(
     controller : PositionController, optional
         The loop that ran, to replay the ripple with the model.
     free : sequence of str, optional
-        What to fit, see `fit`.  The Coulomb levels are fitted again by
-        default: a crawl inside the peak has raised them.
+        What to fit, see `fit`; by default the Coulomb levels too, raised by a crawl in the peak.
     starts : int, optional
         Number of the most likely ends of the first search from which it goes on.
     jobs : int, optional
@@ -213,18 +205,16 @@ def identify_stribeck(
 
     Notes
     -----
-    The likelihood of `fit`, which has several maxima: each breakaway shows the excess, each
-    slip over what velocity it decays.  So the search starts from peaks of three widths, each
-    with a stick velocity as large and a hundredth of it, and goes on from the likeliest ends.
-    See ``fit.messages`` for what the record does not determine.
+    The likelihood of `fit` has several maxima here: each breakaway shows the excess, each slip
+    over what velocity it decays.  So the search starts from peaks of three widths, each with a
+    stick velocity as large and a hundredth of it, and goes on from the likeliest ends.
 
     Examples
     --------
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.identification import slow_ramp_experiment
     >>> true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.1),
     ...                         stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
-    >>> ramp = slow_ramp_experiment(true, duration=20.0, quantum=1e-6)
+    >>> ramp = dfc.slow_ramp_experiment(true, duration=20.0, quantum=1e-6)
     >>> found = dfc.identify_stribeck(true.replace(stribeck=None), ramp.record, starts=2)
     >>> round(found.stribeck.excess, 2), round(found.stribeck.speed, 3)
     (0.3, 0.01)
@@ -250,17 +240,12 @@ def identify_stribeck(
         np.array([p.search(v) for p, v in zip(problem.parameters, values, strict=True)])
         for values in (values_of(one, problem.names) for one in guesses)
     ]
-    found = likeliest(
-        problem, points, jobs=jobs, progress=progress, name="identify_stribeck", kept=starts
-    )
-    measured = ripple(record)
-    loop = replayed = None
-    branches: tuple[Record, ...] = ()
-    if controller is not None:
-        loop = replay_loop(found.axis, record, controller)
-        replayed = _replayed(loop)
-        branches = _branches(found.axis, record, controller, sticks)
-    return StribeckIdentification(found, measured, replayed, loop, branches)
+    found = likeliest(problem, points, WINDOW, jobs, progress, "identify_stribeck", starts)
+    if controller is None:
+        return StribeckIdentification(found, ripple(record), None, None)
+    loop = replay_loop(found.axis, record, controller)
+    branches = _branches(found.axis, record, controller, sticks)
+    return StribeckIdentification(found, ripple(record), _replayed(loop), loop, branches)
 
 
 def _branches(

@@ -14,7 +14,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.arrays import Floats, Ints
-from dryfric_control.checks import finite, instance, places, positive, samples, string
+from dryfric_control.checks import finite, instance, one_of, places, positive, samples, string
 from dryfric_control.compiled import axis_step, elastic
 from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
 from dryfric_control.model.block import Block
@@ -23,12 +23,22 @@ from dryfric_control.model.effects.effect import Inner, law_address
 from dryfric_control.model.effects.naming import named
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.friction_curve import draw_friction, usual_speed
-from dryfric_control.model.responses import Events, SimulationResponse, located
+from dryfric_control.model.responses import (
+    Events,
+    SimulationResponse,
+    check_finite,
+    check_mode,
+    located,
+)
 from dryfric_control.text import rotary_words, see, table
 from dryfric_control.units import axis_units, on_axis
 
 SWITCHING = {"filippov": axis_step.FILIPPOV, "paper": axis_step.PAPER}
-MODES = (0, 1, -1)
+#: Names of the modes that can be part of a signal or system name.
+MODE_LABELS = {0: "stuck", 1: "plus", -1: "minus"}
+MODES = tuple(MODE_LABELS)
+#: Fields that must be positive, with their units.
+_POSITIVE = {"mass": "kg", "viscous": "N s/m", "stick_speed": "m/s", "stick_rate": "1/s"}
 _WITH_STATE = ("delay", "lag", "contact", "transmission")
 
 #: Fastest change of speed that one sample may hold, in time constants: the steps
@@ -59,25 +69,19 @@ class Arrays(NamedTuple):
 
     def step(self, memory: Floats, t: float, dt: float, u: float) -> None:
         """Move the axis, whose memory is changed, over one sample of a held input."""
-        axis_step.step(self.numbers, self.integers, memory, t, dt, u)
+        axis_step.step(*self[:2], memory, t, dt, u)
 
     def seen(self, memory: Floats, t: float, dt: float, u: float) -> tuple[float, float, int]:
         """Velocity, friction and mode at an instant at which the input is u."""
-        found: tuple[float, float, int] = axis_step.outputs_now(
-            self.numbers, self.integers, memory, t, dt, u
-        )
-        return found
+        return axis_step.outputs_now(*self[:2], memory, t, dt, u)
 
     def reading(self, memory: Floats, t: float) -> float:
         """Position, as an encoder reads it."""
-        return float(axis_step.reading_now(self.numbers, self.integers, memory, t))
+        return float(axis_step.reading_now(*self[:2], memory, t))
 
     def rate(self, t: float, x: float, v: float, u: float, mode: int) -> tuple[float, float]:
         """Acceleration and friction in a mode, without switching."""
-        found: tuple[float, float] = axis_step.mode_rate(
-            self.numbers, self.integers, t, x, v, u, mode
-        )
-        return found
+        return axis_step.mode_rate(*self[:2], t, x, v, u, mode)
 
 
 @runtime_checkable
@@ -125,32 +129,20 @@ class FrictionAxis:
 
     Notes
     -----
-    The modes are (paper, eqs. (2), (3); w is the net force without friction)
-
-    ::
+    The modes are (paper, eqs. (2), (3); w is the net force without friction) ::
 
         sliding s   m v' = w - f v - s F_s(x, v)
                     F_s = Fc_s(x) (1 + sigma exp(-((s v - Sigma)/vs)^2))
         stuck       v' = -p v,  friction = w
 
-    A stuck axis breaks away when w leaves [-Fb_minus, Fb_plus], with
-    Fb = (1 + sigma) Fc.  A sliding axis sticks when abs(v) <= Sigma and w lies in
-    [-Fc_minus, Fc_plus].  That is the printed rule, ``switching="paper"``.  It is
-    not complete: with a Stribeck peak and Fc < w < F(x, 0+) an axis that slows
-    down to v = 0 may not stick, its velocity changes sign, friction changes sign
-    with it, and the state chatters across zero at every sample without end.  The
-    default ``switching="filippov"`` completes it: an axis whose velocity reaches
-    zero sticks if friction at rest can hold the load, reverses if the load
-    exceeds the breakaway friction force of the other direction, and slides on
-    otherwise.
+    A stuck axis breaks away when w leaves [-Fb_minus, Fb_plus], with Fb = (1 + sigma) Fc, and
+    loses a remaining velocity against that direction.  A sliding axis sticks when abs(v) <= Sigma
+    and w lies in [-Fc_minus, Fc_plus].  That is the printed rule, ``switching="paper"``, which may
+    chatter with a Stribeck peak; "filippov" completes it, see the theory page.
 
-    A stuck axis that breaks away against its remaining velocity (at most Sigma)
-    loses that velocity, so that friction never drives the motion.
-
-    The model is not valid below Sigma: it has no presliding displacement,
-    unless the effect `Presliding` adds it.  With `Backlash` or
-    `Compliance` there are two masses; x and v are the motor's, F and mode the
-    load's.
+    The model is not valid below Sigma: it has no presliding displacement, unless the effect
+    `Presliding` adds it.  With `Backlash` or `Compliance` there are two masses; x and v are the
+    motor's, F and mode the load's.
 
     Examples
     --------
@@ -179,34 +171,30 @@ class FrictionAxis:
         put = functools.partial(object.__setattr__, self)
         string("name", self.name)
         put("units", axis_units(self.units))
-        put("mass", positive("mass", self.mass, unit=self.unit("kg")))
-        put("viscous", positive("viscous", self.viscous, unit=self.unit("N s/m"), zero=True))
+        for name, unit in _POSITIVE.items():
+            value, shown = getattr(self, name), self.unit(unit)
+            put(name, positive(name, value, unit=shown, zero=name == "viscous"))
         put("coulomb", CoulombMap.of(self.coulomb))
         if self.stribeck is not None and not isinstance(self.stribeck, Stribeck):
             raise ValueError(
                 "stribeck must be dfc.Stribeck(excess=..., speed=...) or None, "
                 f"got {self.stribeck!r}"
             )
-        put("stick_speed", positive("stick_speed", self.stick_speed, unit=self.unit("m/s")))
-        put("stick_rate", positive("stick_rate", self.stick_rate, unit="1/s"))
         if self.travel is not None:
             put("travel", span_of(self.travel))
         self.coulomb.check(self.travel)
         if not isinstance(self.switching, str) or self.switching not in SWITCHING:
             raise ValueError(f'switching must be "filippov" or "paper", got {self.switching!r}')
-        effects = (self.effects,) if isinstance(self.effects, Effect) else self.effects
-        if isinstance(effects, str) or not isinstance(effects, Iterable):
-            raise ValueError(
-                "effects must be a sequence of effects, such as "
-                "[dfc.effects.Spring(stiffness=200.0)], "
-                f"got {effects!r}"
-            )
+        given = self.effects
+        effects = (given,) if isinstance(given, (Effect, str)) else given
+        if not isinstance(effects, Iterable):
+            effects = (effects,)
         put("effects", tuple(effects))
         for effect in self.effects:
             if not isinstance(effect, Effect):
                 raise ValueError(
-                    "effects must hold effects such as dfc.effects.Spring(stiffness=200.0), "
-                    f"got {effect!r}"
+                    "effects must be a sequence of effects, such as "
+                    f"[dfc.effects.Spring(stiffness=200.0)], got {effect!r}"
                 )
         for action in _WITH_STATE:
             alike = [effect.slug for effect in self.effects if effect.action == action]
@@ -228,24 +216,18 @@ class FrictionAxis:
     def effective(self) -> FrictionAxis:
         """Axis with its effective base parameters.
 
-        Effects that change a base parameter (inertia, viscous, coulomb,
-        stribeck) are applied, in their order, and leave the list of effects.
-        Simulations do this automatically; call it before reading `mass`,
+        Effects on a base parameter (inertia, viscous, coulomb, stribeck) are applied, in their
+        order, and leave the list.  Simulations do this themselves; call it before reading `mass`,
         `viscous`, `coulomb` or `stribeck`.
         """
         changing = [effect for effect in self.effects if effect.action == "axis"]
-        if not changing:
-            return self
-        axis = without_effects(self, ["axis"])
+        axis = without_effects(self, ["axis"]) if changing else self
         for effect in changing:
             axis = effect.alter(axis)
         return axis
 
     def named_effects(self) -> dict[str, Effect]:
-        """Effects by the names under which they are fitted.
-
-        The name is the effect's slug, with a number from the second of a kind on;
-        the axis' own Stribeck peak is among them.
+        """Effects, and the own peak, by the names that a fit uses.
 
         Examples
         --------
@@ -329,9 +311,8 @@ class FrictionAxis:
         Returns
         -------
         SimulationResponse
-            A `control.TimeResponseData` with outputs x, v, F, mode, each of
-            shape (n,), and `events`.  F and mode at a sample are those that
-            the new input u[k] brings about.
+            Outputs x, v, F, mode, each of shape (n,), and `events`.  F and mode at a sample are
+            those that the new input u[k] brings about.
 
         Examples
         --------
@@ -345,8 +326,7 @@ class FrictionAxis:
         force = samples("u", u)
         dt = positive("dt", dt, unit="s")
         x0, v0 = finite("x0", x0), finite("v0", v0)
-        if hold not in ("zero", "first"):
-            raise ValueError(f'hold must be "zero" or "first", got {hold!r}')
+        one_of("hold", hold, ("zero", "first"))
         outputs = np.empty((4, force.size))
         if law is not None:
             # A class has the attributes of its instances.
@@ -365,28 +345,19 @@ class FrictionAxis:
                 )
             )
         check_finite(outputs)
-        # In place: a long record has no room for a second copy.
         time = np.arange(force.size, dtype=float)
-        time *= dt
-        return SimulationResponse(
-            time,
-            outputs,
-            force.reshape(1, -1),
-            events,
-            title=f"{self.name}: {law.__class__.__name__ if law else 'switched model'}",
-            sysname=self.name,
-            units=self.units,
-        )
+        time *= dt  # in place: a long record has no room for a second copy
+        title = f"{self.name}: {type(law).__name__ if law else 'switched model'}"
+        labels = {"title": title, "sysname": self.name}
+        return SimulationResponse(time, outputs, force[None, :], events, self.units, **labels)
 
     def stepper(self, dt: float, x0: float = 0.0, v0: float = 0.0) -> AxisStepper:
         """Axis to be stepped sample by sample from your own loop.
 
         Parameters
         ----------
-        dt : float
-            Sampling time [s].
-        x0, v0 : float, optional
-            Position and velocity at the start.
+        dt, x0, v0
+            As for `simulate`.
         """
         return AxisStepper(self, dt, x0, v0)
 
@@ -403,9 +374,7 @@ class FrictionAxis:
         control.NonlinearIOSystem
             Input u; outputs x (as an encoder reads it), v, F; states x, v, and the lagged
             drive where there is a lag.  The block stays in its mode whatever happens.
-
-        An axis with presliding, backlash, compliance or a delay, which `mode_ss` has as states,
-        is refused.
+            Presliding, backlash, compliance and a delay are refused.
 
         Examples
         --------
@@ -416,15 +385,11 @@ class FrictionAxis:
         >>> round(float(linear.A[1, 1]), 6)     # -f/m
         -7.5
         """
-        _check_mode(index)
+        check_mode("mode", index)
         axis = self.effective()
         inner = rigid_inner(axis)
         if inner.delay > 0.0:
-            raise ValueError(
-                f"a delay of {inner.delay:g} s has no states in continuous time: take "
-                f"mode_ss({index}, dt, at=...), or put control.pade({inner.delay:g}) before the "
-                "mode of an axis without it"
-            )
+            raise _no_states(inner.delay, f"take mode_ss({index}, dt, at=...)")
         # The lag is behind the other effects on the drive, and the mode behind the lag.
         before = [e for e in axis.effects if e.action == "input" and inner.lag > 0.0]
         arrays = axis.replace(effects=tuple(e for e in axis.effects if e not in before)).arrays(1.0)
@@ -443,7 +408,7 @@ class FrictionAxis:
             return np.array([_read(arrays, t, x[0]), x[1], rate(t, x, u)[1]])
 
         states = ["x", "v", "lagged"] if inner.lag > 0.0 else ["x", "v"]
-        name = f"{self.name}_{mode_label(index)}"
+        name = f"{self.name}_{MODE_LABELS[index]}"
         return Block.of(update, output, "u", "x v F", states, 0, name)
 
     def mode_ss(
@@ -472,36 +437,28 @@ class FrictionAxis:
             force on the mass, (0, dt/m) in every mode; the integral action of
             an observer enters here.
         at : (float, float) or (float, float, float), optional
-            Position [m] and velocity [m/s], and drive [N], at which the effects
-            and the Stribeck peak are linearised.  Without the drive: the one that
-            keeps the velocity.  Default: they are left out, but for delay and lag of the
-            drive, which are linear anyway.
+            Position [m], velocity [m/s] and drive [N] at which effects and Stribeck peak are
+            linearised.  Without the drive: the one that keeps the velocity.  Default: they are
+            left out, but for delay and lag of the drive.
 
         Returns
         -------
         control.StateSpace
             States x, v; output x, as an encoder reads it; input u (or the force d).  With the
-            input u, a lag of the drive adds the state lagged, and a delay the inputs of
-            the samples before: u_1, u_2 and so on.
-
-        Raises
-        ------
-        ValueError
-            If Euler's rule is unstable, a delay has no `dt` to count in, or the axis has
-            presliding, a backlash or a compliance, which a linear system cannot contain.
+            input u, a lag adds the state lagged, and a delay the inputs of the samples before:
+            u_1, u_2 and so on.  Unstable Euler steps, a delay without `dt`, presliding, backlash
+            and compliance are refused.
 
         Notes
         -----
-        ``A = [[1, dt], [0, 1 - dt a]]`` with a = f/m when sliding and a = p when
-        stuck (Euler).  Friction itself is not included: the Coulomb level is the
-        constant Q_i of (4).  With `at` the states are deviations from that point,
-        ::
+        ``A = [[1, dt], [0, 1 - dt a]]`` with a = f/m when sliding and a = p when stuck (Euler);
+        the Coulomb level is the constant Q_i of (4), and not included.  With `at` the states
+        are deviations from that point, ::
 
             x' = v,  v' = a_x x + a_v v + b u
 
-        with the slopes of the acceleration that `mode` gives: gravity, spring and
-        cogging enter a_x, drag and the Stribeck peak a_v, input gain b.  At rest
-        friction cancels all of these.
+        with the slopes of the acceleration that `mode` gives: gravity, spring and cogging enter
+        a_x, drag and the Stribeck peak a_v, input gain b.  At rest friction cancels all of these.
 
         Examples
         --------
@@ -511,12 +468,10 @@ class FrictionAxis:
         [[1.    0.001]
          [0.    0.5  ]]
         """
-        _check_mode(index)
+        check_mode("mode", index)
         dt = positive("dt", dt, unit="s", zero=True)
-        if method not in ("euler", "zoh"):
-            raise ValueError(f'method must be "euler" or "zoh", got {method!r}')
-        if input not in ("drive", "force"):
-            raise ValueError(f'input must be "drive" or "force", got {input!r}')
+        one_of("method", method, ("euler", "zoh"))
+        one_of("input", input, ("drive", "force"))
         axis = self.effective()
         inner = rigid_inner(axis)
         rate = axis.stick_rate if index == 0 else axis.viscous / axis.mass
@@ -534,30 +489,20 @@ class FrictionAxis:
             a = np.block([[a, b], [np.zeros((1, 2)), np.full((1, 1), -1.0 / inner.lag)]])
             b = np.array([[0.0], [0.0], [1.0 / inner.lag]])
             states, rates = [*states, "lagged"], rates | {"1 / lag": 1.0 / inner.lag}
-        c = np.eye(1, len(states)) * read
-        if dt > 0.0 and method == "euler":
-            for what, fall in rates.items():
-                if dt * fall >= 2.0:
-                    raise ValueError(
-                        f"Euler needs dt * {what} < 2, got {dt * fall:.4g}: "
-                        f'lower dt or {what}, or take method="zoh"'
-                    )
+        for what, fall in rates.items():
+            if method == "euler" and dt * fall >= 2.0:
+                raise ValueError(
+                    f"Euler needs dt * {what} < 2, got {dt * fall:.4g}: "
+                    f'lower dt or {what}, or take method="zoh"'
+                )
         if input == "drive" and inner.delay > 0.0:
-            a, b, c = _delayed(a, b, c, inner.delay, dt, method)
+            a, b = _delayed(a, b, inner.delay, dt, method)
             states += [f"u_{k}" for k in range(1, len(a) - len(states) + 1)]
         elif dt > 0.0:
             a, b = _held(a, b, dt, method)
-        system = ModeStateSpace(
-            a,
-            b,
-            c,
-            np.zeros((1, 1)),
-            dt,
-            inputs=["u" if input == "drive" else "d"],
-            outputs=["x"],
-            states=states,
-            name=f"{self.name}_{mode_label(index)}",
-        )
+        names = {"inputs": ["u" if input == "drive" else "d"], "outputs": ["x"], "states": states}
+        name = f"{self.name}_{MODE_LABELS[index]}"
+        system = ModeStateSpace(a, b, np.eye(1, len(a)) * read, [[0.0]], dt, name=name, **names)
         system.method = method if dt > 0.0 else ""
         return system
 
@@ -614,18 +559,15 @@ class FrictionAxis:
             Largest velocity shown [m/s].  Default: eight Stribeck velocities; without a
             peak, the velocity at which the viscous part is half the Coulomb level.
         span : tuple of float, optional
-            Lowest and highest position of the band, where friction depends on it [m].
-            Default: the travel.
+            Positions of the band, where friction depends on them [m].  Default: the travel.
         ax : Axes, optional
             Where to draw.  Default: a new figure.
         title : str, optional
-            Title.  Default: name of the axis and what is shown.
 
         Notes
         -----
-        F(v) = sign(v) Fc(x) (1 + sigma exp(-((abs(v) - Sigma)/vs)^2)) + f v, and forces of
-        effects that depend on the velocity, as a quadratic drag.  A spring, gravity or a
-        load is not included; friction that depends on time is that at time zero.
+        Friction and viscous part of the model, and effects that depend on the velocity, such as a
+        quadratic drag; no spring, gravity or load, and what depends on time at time zero.
 
         Examples
         --------
@@ -687,6 +629,13 @@ def _read(arrays: Arrays, t: float, x: float) -> float:
     return arrays.reading(arrays.started(x, 0.0), t)
 
 
+def _no_states(delay: float, mend: str) -> ValueError:
+    return ValueError(
+        f"a delay of {delay:g} s has no states in continuous time: {mend}, or put "
+        f"control.pade({delay:g}) before the mode of an axis without it"
+    )
+
+
 def mode_matrices(
     rate: float, inverse_mass: float, dt: float, discretization: str
 ) -> tuple[Floats, Floats]:
@@ -712,15 +661,10 @@ def _held(a: Floats, b: Floats, h: float, method: str) -> tuple[Floats, Floats]:
     return held[:n, :n], held[:n, n:]
 
 
-def _delayed(
-    a: Floats, b: Floats, c: Floats, delay: float, dt: float, method: str
-) -> tuple[Floats, Floats, Floats]:
+def _delayed(a: Floats, b: Floats, delay: float, dt: float, method: str) -> tuple[Floats, Floats]:
     """Matrices of one sample whose input is that of a while ago; earlier inputs are states."""
     if dt == 0.0:
-        raise ValueError(
-            f"a delay of {delay:g} s has no states in continuous time: give dt, or put "
-            f"control.pade({delay:g}) before the mode of an axis without it"
-        )
+        raise _no_states(delay, "give dt")
     if delay > MOST_STATES * dt:
         raise ValueError(
             f"a delay of {delay:g} s is {delay / dt:.3g} states at dt = {dt:g} s, at most "
@@ -734,17 +678,11 @@ def _delayed(
     if method == "euler":
         a_old, _ = _held(a, b, dt, method)
         a_new = np.eye(n)
-    big = np.zeros((n + length, n + length))
-    big[:n, :n] = a_new @ a_old
-    big[n + 1 :, n:-1] = np.eye(length - 1)
-    enter = np.zeros((n + length, 1))
-    enter[n] = 1.0
-    for ago, column in ((whole, b_new), (whole + 1, a_new @ b_old)):
-        if ago == 0:
-            enter[:n] = column
-        elif ago <= length:
-            big[:n, [n + ago - 1]] = column
-    return big, enter, np.hstack([c, np.zeros((1, length))])
+    given = np.zeros((n, whole + 2))  # columns of the inputs, the newest first
+    given[:, [whole]], given[:, [whole + 1]] = b_new, a_new @ b_old
+    older, shift = given[:, 1 : length + 1], np.eye(length, k=-1)
+    big = np.block([[a_new @ a_old, older], [np.zeros((length, n)), shift]])
+    return big, np.vstack([given[:, :1], np.eye(length, 1)])
 
 
 class ModeStateSpace(ct.StateSpace):
@@ -771,8 +709,7 @@ class ModeStateSpace(ct.StateSpace):
 class AxisStepper:
     """An axis that is stepped sample by sample.
 
-    Made by `FrictionAxis.stepper`.  Attributes x, v, F, mode and time hold the
-    state after the last step; F and mode are those under the last input.
+    x, v, F, mode and time are the state after the last step; F and mode under the last input.
 
     Parameters
     ----------
@@ -826,7 +763,7 @@ class AxisStepper:
         Parameters
         ----------
         u : float
-            Drive force [N]; a number that is not finite raises a ValueError.
+            Drive force [N], a finite number.
         """
         force = finite("u", u)
         self._arrays.step(self._memory, self.time, self.dt, force)
@@ -902,17 +839,6 @@ def elastic_rates(axis: FrictionAxis, dt: float) -> dict[str, float]:
     }
 
 
-def check_finite(outputs: Floats) -> None:
-    """Refuse to return a motion that has left the range of numbers."""
-    # What is not finite once stays so: the last sample tells.
-    if not np.isfinite(outputs[:3, -1]).all():
-        first = int(np.argmin(np.isfinite(outputs[:3]).all(axis=0)))
-        raise ValueError(
-            f"the motion leaves the range of numbers at sample {first}: check the units of dt, of "
-            "the input, and of mass, viscous and coulomb, and that a loop is stable"
-        )
-
-
 def inner_of(axis: FrictionAxis) -> Inner:
     """Numbers of delay, lag, contact and transmission of an axis with its effective base."""
     # An axis holds one of each kind that has a state, so that adding is collecting.
@@ -938,11 +864,6 @@ def without_effects(axis: FrictionAxis, actions: Iterable[str] = _WITH_STATE) ->
     return axis.replace(effects=tuple(e for e in axis.effects if e.action not in actions))
 
 
-def mode_label(index: int) -> str:
-    """Name of a mode that can be part of a signal or system name."""
-    return {0: "stuck", 1: "plus", -1: "minus"}[index]
-
-
 def span_of(travel: Any, name: str = "travel") -> tuple[float, float]:
     """Lowest and highest position, checked."""
     try:
@@ -953,11 +874,6 @@ def span_of(travel: Any, name: str = "travel") -> tuple[float, float]:
     if not low < high:
         raise ValueError(f"{name} must run from low to high, got {travel!r}")
     return low, high
-
-
-def _check_mode(index: int) -> None:
-    if isinstance(index, (bool, str)) or not np.isscalar(index) or index not in MODES:
-        raise ValueError(f"mode must be 0 (stuck), +1 or -1 (sliding), got {index!r}")
 
 
 def _polynomial(coefficients: tuple[float, ...]) -> str:

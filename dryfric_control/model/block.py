@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import control as ct
+import numpy as np
 
 from dryfric_control.checks import string
 
@@ -38,18 +39,27 @@ class Block(ct.NonlinearIOSystem):
             outputs=outputs.split(), states=list(states) or None, dt=dt, name=string("name", name),
         )  # fmt: skip
 
-    def linearize(
-        self,
-        x0: Any,
-        u0: Any = None,
-        t: float = 0,
-        params: Any = None,
-        eps: float = 1e-6,
-        copy_names: bool = True,
-        **kwargs: Any,
-    ) -> ct.StateSpace:
+    @classmethod
+    def stepped(
+        cls, step: Function, inputs: str, outputs: str, states: Sequence[str], dt: float, name: str
+    ) -> Block:
+        """Block of a function that advances the state it is given and returns the outputs."""
+
+        def sample(t: float, x: Any, u: Any) -> tuple[Any, Any]:
+            state = np.array(x, dtype=float)
+            return step(t, state, u), state
+
+        def update(t: float, x: Any, u: Any) -> Any:
+            return sample(t, x, u)[1]
+
+        def output(t: float, x: Any, u: Any) -> Any:
+            return sample(t, x, u)[0]
+
+        return cls.of(update, output, inputs, outputs, states, dt, name)
+
+    def linearize(self, *point: Any, copy_names: bool = True, **kwargs: Any) -> ct.StateSpace:
         """Linear system at a point, with the names of this block's signals."""
-        return super().linearize(x0, u0, t, params, eps, copy_names, **kwargs)
+        return super().linearize(*point, copy_names=copy_names, **kwargs)
 
     def _update_params(self, params: Any) -> None:
         # A system hands the parameters of all its parts to each of them.

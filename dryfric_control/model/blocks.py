@@ -1,12 +1,8 @@
 """The axis and its loop as sampled python-control blocks.
 
-Discrete and continuous blocks do not interconnect in python-control, so
-everything that runs in a loop is sampled, the plant included: it is integrated
-inside its own step, switches and all.  The blocks hold no state outside their
-state vector and call the same compiled functions as `FrictionAxis.simulate`.
-
-Signals connect by name: r -> `reference_filter` -> xref -> controller -> u ->
-axis -> x -> `encoder` -> y -> controller.
+Discrete and continuous blocks do not interconnect in python-control, so the plant is sampled too:
+it is integrated inside its own step.  Signals connect by name: r -> `reference_filter` -> xref ->
+controller -> u -> axis -> x -> `encoder` -> y -> controller.
 """
 
 from __future__ import annotations
@@ -21,7 +17,7 @@ from dryfric_control.arrays import Floats
 from dryfric_control.checks import instance, positive, string
 from dryfric_control.compiled import axis_step
 from dryfric_control.compiled.loop import encode
-from dryfric_control.model.axis import FrictionAxis, check_pace, mode_label
+from dryfric_control.model.axis import MODE_LABELS, FrictionAxis, check_pace
 from dryfric_control.model.block import Block
 from dryfric_control.model.loops import PositionController
 from dryfric_control.order import check_bandwidth_and_dt, check_quantum_and_dt
@@ -41,14 +37,12 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
     Returns
     -------
     control.NonlinearIOSystem
-        Input u; outputs x, v, F, mode; states x, v, mode.  Effects with a
+        Input u, held over the sample; outputs x, v, F, mode; states x, v, mode.  Effects with a
         memory (input delay, actuator lag) add states.
 
     Notes
     -----
-    The input is held over the sample.  `control.input_output_response` asks
-    for inputs at its own time points: give it exactly the samples
-    ``np.arange(n) * dt``.
+    Give `control.input_output_response` exactly the samples ``np.arange(n) * dt``.
 
     Examples
     --------
@@ -92,7 +86,6 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
     Parameters
     ----------
     axis : FrictionAxis
-        The axis whose rule, levels and stick velocity are used.
     dt : float
         Sampling time [s].
     name : str, optional
@@ -100,14 +93,9 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
     Returns
     -------
     control.NonlinearIOSystem
-        Inputs u, x, v; output mode (0 stuck, +1, -1 sliding); state mode.
-
-    Notes
-    -----
-    The output is the mode under the new input.  The state is the mode at the
-    end of the sample: the rule is run through the sample, so that a switch
-    inside it is not missed.  Effects with a memory (delay, lag) are refused: u, x and v do not
-    determine their force.
+        Inputs u, x, v; output mode (0 stuck, +1, -1 sliding) under the new input; state mode, at
+        the end of the sample, so that a switch inside is not missed.  Effects with a memory
+        (delay, lag) are refused: u, x and v do not determine their force.
 
     Examples
     --------
@@ -150,7 +138,8 @@ def _mode_flow(axis: FrictionAxis, index: int, dt: float) -> ct.NonlinearIOSyste
         arrays.step(memory, t, dt, force)
         return np.array([memory[0], memory[1], now, friction])
 
-    return Block.of(None, output, "u x v mode", "x_next v_next v_now F", (), dt, mode_label(index))
+    name = MODE_LABELS[index]
+    return Block.of(None, output, "u x v mode", "x_next v_next v_now F", (), dt, name)
 
 
 def switched_axis(
@@ -169,14 +158,9 @@ def switched_axis(
     Returns
     -------
     control.InterconnectedSystem
-        Input u; outputs x, v, F, mode; subsystems ``stuck``, ``plus``,
-        ``minus`` (each the motion over one sample that begins in its mode),
-        ``supervisor`` and ``state``.
-
-    Notes
-    -----
-    It shows how the parts work together and gives the same numbers as
-    `axis_block`, which is far faster, and takes effects with a memory too.
+        Input u; outputs x, v, F, mode; subsystems ``stuck``, ``plus``, ``minus`` (each the motion
+        over one sample that begins in its mode), ``supervisor`` and ``state``.  The numbers are
+        those of `axis_block`, which is far faster, and takes effects with a memory too.
 
     Examples
     --------
@@ -188,42 +172,23 @@ def switched_axis(
     dt = positive("dt", dt, unit="s")
     _memoryless(axis, "switched_axis")
     name = string("name", name or axis.name)
-    state = ct.ss(
-        np.zeros((2, 2)),
-        np.eye(2),
-        np.eye(2),
-        np.zeros((2, 2)),
-        dt,
-        inputs=["x_next", "v_next"],
-        outputs=["x", "v"],
-        states=["x", "v"],
-        name="state",
-    )
-    rule = supervisor(axis, dt)
-    modes = [_mode_flow(axis, index, dt) for index in (0, 1, -1)]
-    labels = [mode.name for mode in modes]
-    connections: list[Any] = [
-        ["state.x_next", *(f"{label}.x_next" for label in labels)],
-        ["state.v_next", *(f"{label}.v_next" for label in labels)],
-        ["supervisor.x", "state.x"],
-        ["supervisor.v", "state.v"],
-    ]
-    for label in labels:
-        connections += [
-            [f"{label}.x", "state.x"],
-            [f"{label}.v", "state.v"],
-            [f"{label}.mode", "supervisor.mode"],
-        ]
+    zero, one = np.zeros((2, 2)), np.eye(2)
+    names = {"inputs": ["x_next", "v_next"], "outputs": ["x", "v"], "states": ["x", "v"]}
+    state = ct.ss(zero, one, one, zero, dt, name="state", **names)
+    modes = [_mode_flow(axis, index, dt) for index in MODE_LABELS]
+
+    def of_modes(signal: str) -> list[str]:
+        return [f"{label}.{signal}" for label in MODE_LABELS.values()]
+
+    connections = [[f"state.{signal}", *of_modes(signal)] for signal in ("x_next", "v_next")]
+    for signal, source in (("x", "state.x"), ("v", "state.v"), ("mode", "supervisor.mode")):
+        connections += [[entry, source] for entry in of_modes(signal)]
+    connections += [["supervisor.x", "state.x"], ["supervisor.v", "state.v"]]
     return ct.interconnect(
-        [state, rule, *modes],
+        [state, supervisor(axis, dt), *modes],
         connections=connections,
-        inplist=[["supervisor.u", *(f"{label}.u" for label in labels)]],
-        outlist=[
-            "state.x",
-            [f"{label}.v_now" for label in labels],
-            [f"{label}.F" for label in labels],
-            "supervisor.mode",
-        ],
+        inplist=[["supervisor.u", *of_modes("u")]],
+        outlist=["state.x", of_modes("v_now"), of_modes("F"), "supervisor.mode"],
         inputs=["u"],
         outputs=["x", "v", "F", "mode"],
         dt=dt,
@@ -313,8 +278,7 @@ def position_controller(
     Parameters
     ----------
     axis, bandwidth, dt, limit
-        As for `PositionController.from_bandwidth`, which has the gains; the bandwidth is very low
-        for identification.
+        As for `PositionController.from_bandwidth`, which has the gains.
     name : str, optional
 
     Returns

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, places, positive
@@ -17,10 +18,7 @@ def _coefficients(name: str, values: float | Iterable[float]) -> tuple[float, ..
     if isinstance(values, (int, float, np.number)):
         values = (finite(name, values),)
     if isinstance(values, str) or not isinstance(values, Iterable):
-        raise ValueError(
-            f"{name} must be a number or the coefficients c0, c1, ... of a polynomial in "
-            f"position, got {values!r}"
-        )
+        raise ValueError(f"{name} must be a number or coefficients c0, c1, ..., got {values!r}")
     result = tuple(finite(f"{name}[{i}]", c) for i, c in enumerate(values))
     if not result:
         raise ValueError(f"{name} is empty: give at least the constant level c0")
@@ -34,16 +32,11 @@ class CoulombMap:
     Parameters
     ----------
     plus : float or sequence of float
-        Coefficients c0, c1, ... of ``c0 + c1 x + c2 x^2 ...`` for motion in
-        positive direction, a magnitude [N or N m].
+        Coefficients c0, c1, ... of ``c0 + c1 x + c2 x^2 ...`` for motion in positive direction, a
+        magnitude [N or N m]: Fc_plus(x) of the paper, eq. (3).  Outside the travel of an axis the
+        level keeps the value at its end.
     minus : float or sequence of float, optional
         The same for negative direction, also a magnitude.  Default: as `plus`.
-
-    Notes
-    -----
-    These are Fc_plus(x) and Fc_minus(x) of the hybrid model (paper, eq. (3)).
-    Outside an axis' travel the level keeps the value at the end of travel:
-    polynomials do not extrapolate.
 
     Examples
     --------
@@ -69,19 +62,16 @@ class CoulombMap:
         Parameters
         ----------
         coulomb : CoulombMap, float or pair
-            What to take as levels.
         """
         if isinstance(coulomb, CoulombMap):
             return coulomb
-        if isinstance(coulomb, np.ndarray):
-            coulomb = coulomb.tolist()
-        if isinstance(coulomb, (int, float, np.number)) and not isinstance(coulomb, bool):
-            return cls(float(coulomb))  # type: ignore[arg-type]
-        if isinstance(coulomb, (tuple, list)) and len(coulomb) == 2:
-            return cls(coulomb[0], coulomb[1])  # type: ignore[arg-type]
+        given: Any = coulomb.tolist() if isinstance(coulomb, np.ndarray) else coulomb
+        if isinstance(given, (int, float, np.number)) and not isinstance(given, bool):
+            return cls(float(given))  # type: ignore[arg-type]
+        if isinstance(given, (tuple, list)) and len(given) == 2:
+            return cls(*given)
         raise ValueError(
-            "coulomb must be a level, a pair (plus, minus) of levels, or a CoulombMap, "
-            f"got {coulomb!r}"
+            f"coulomb must be a level, a pair (plus, minus) or a CoulombMap, got {given!r}"
         )
 
     @property
@@ -107,7 +97,6 @@ class CoulombMap:
         Parameters
         ----------
         plus : float
-            Factor of the positive direction.
         minus : float, optional
             Factor of the negative direction.  Default: as `plus`.
         """
@@ -124,28 +113,21 @@ class CoulombMap:
             Lowest and highest position [m]; a map that varies with position needs them.
         """
         for name, direction, c in (("plus", 1, self.plus), ("minus", -1, self.minus)):
-            if travel is None:
-                if len(c) > 1:
-                    raise ValueError(
-                        f"coulomb.{name} varies with position: give travel=(low, high), the range "
-                        "in which the polynomial holds"
-                    )
-                if c[0] < 0.0:
-                    raise ValueError(
-                        f"coulomb.{name} must be a magnitude, zero or more, got {c[0]!r}"
-                    )
+            if travel is None and len(c) > 1:
+                raise ValueError(
+                    f"coulomb.{name} varies with position: give travel=(low, high), the range "
+                    "in which the polynomial holds"
+                )
+            low, high = travel or (0.0, 0.0)
+            if _surely_positive(c, (low, high)):
                 continue
-            if _surely_positive(c, travel):
-                continue
-            roots: NDArray[np.complex128] = np.empty(0, complex)
-            if len(c) > 2:
-                roots = np.polynomial.Polynomial(c).deriv().roots().astype(complex)
+            roots = np.polynomial.Polynomial(c).deriv().roots().astype(complex)
             turns = roots.real[np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))]
-            inside = turns[(turns > travel[0]) & (turns < travel[1])]
-            places = np.concatenate([travel, inside])
-            levels = self(places, direction)
+            places = np.array([low, high, *turns[(turns > low) & (turns < high)]])
+            with np.errstate(over="ignore", invalid="ignore"):
+                levels = self(places, direction)
             worst = int(np.argmin(levels))
-            if levels[worst] < 0.0:
+            if not 0.0 <= levels[worst] < np.inf:
                 raise ValueError(
                     f"coulomb.{name} falls to {levels[worst]:.6g} at x = {places[worst]:.6g}: a "
                     "Coulomb level is a magnitude and must stay positive over the travel"
@@ -211,7 +193,6 @@ class Stribeck:
         speed : array_like, shape (n,)
             Velocity in the direction of motion [m/s].
         stick_speed : float, optional
-            Stick velocity of the axis [m/s].
         """
         past = (np.asarray(speed, dtype=float) - stick_speed) / self.speed
         return np.asarray(1.0 + self.excess * np.exp(-(past**2)))

@@ -35,16 +35,10 @@ def friction_over_velocity(axis: Axis, v: ArrayLike, x: ArrayLike) -> Floats:
     With every effect that depends on the velocity; no load, at time zero, no time at rest.
     """
     axis = axis.effective()
-    alone = axis.replace(
-        effects=tuple(
-            e
-            for e in axis.effects
-            if e.action == "friction" or (e.action == "force" and e.depends_on_speed)
-        )
-    )
-    velocity, place = (
-        np.array(a, dtype=float) for a in np.broadcast_arrays(np.asarray(v), np.asarray(x))
-    )
+    levels = [e for e in axis.effects if e.action == "friction"]
+    forces = [e for e in axis.effects if e.action == "force" and e.depends_on_speed]
+    alone = axis.replace(effects=(*levels, *forces))
+    velocity, place = (np.array(a, dtype=float) for a in np.broadcast_arrays(v, x))
     rest = np.zeros(velocity.size)
     way = np.where(np.signbit(velocity), -1, 1).ravel()  # -0.0 is backwards
     found = net_force(alone, rest, place.ravel(), velocity.ravel(), rest, way)

@@ -1,9 +1,8 @@
 """Friction laws to compare the switched axis with.
 
-Sign, tanh, Karnopp, Dahl and LuGre, each in its published form, on the same mass,
-viscous coefficient, Coulomb map, Stribeck peak and effects as the axis. Pass one to
-``FrictionAxis.simulate(..., law=...)``. scipy integrates them, a piece of linear input at a
-time: they are for comparison, and some thousand times slower than the switched axis.
+Each in its published form, on the same mass, viscous coefficient, Coulomb map, Stribeck peak and
+effects as the axis.  scipy integrates them, a piece of linear input at a time, some thousand times
+slower than the switched axis.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from numba import njit
 from scipy.integrate import solve_ivp
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import finite, instance, positive, samples
+from dryfric_control.checks import finite, instance, one_of, positive, samples
 from dryfric_control.compiled import axis_step
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.text import stated, with_parameters
@@ -83,10 +82,7 @@ class _Motion:
     ) -> tuple[float, float, float]:
         """Load, and friction against motion to `side`: sliding, and at breakaway."""
         drive = self.first + self.slope * (k - self.begin)
-        found: tuple[float, float, float] = _forces(
-            self.numbers, self.integers, drive, k * self.dt, x, v, s, side, rest
-        )
-        return found
+        return _forces(self.numbers, self.integers, drive, k * self.dt, x, v, s, side, rest)
 
     def level(self, x: float) -> float:
         """Mean friction of both directions at the start."""
@@ -104,15 +100,12 @@ class Law(ABC):
 
     Notes
     -----
-    Each law takes the axis's level ``Fc(x) (1 + sigma exp(-((|v| - Sigma)/vs)^2))``,
-    other friction effects included, and differs in what happens near v = 0. A law knows
-    nothing of the time at rest except `Karnopp`, whose breakaway may grow with it.
-    Effects that delay or filter the drive are refused.
+    Each law takes the axis's level ``Fc(x) (1 + sigma exp(-((|v| - Sigma)/vs)^2))``, other friction
+    effects included, and differs near v = 0. Time at rest counts for `Karnopp` alone. Effects that
+    delay or filter the drive are refused.
 
     Examples
     --------
-    The same axis under another law:
-
     >>> import dryfric_control as dfc
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=4.0)
     >>> law = dfc.laws.Tanh(speed=1e-3)
@@ -172,17 +165,11 @@ class Law(ABC):
         Returns
         -------
         x, v, F, mode : ndarray, shape (n,)
-            Position [m], velocity [m/s], friction [N] and direction of motion at t_k. The
-            direction is 0 when stuck and, for the smooth laws, when the velocity is at most
-            the axis's stick velocity.
-
-        Raises
-        ------
-        RuntimeError
-            If no step meets the tolerance.
+            Position [m], velocity [m/s], friction [N] and direction of motion: 0 when stuck and,
+            for the smooth laws, up to the stick velocity. A RuntimeError says that no step meets
+            the tolerance.
         """
-        if hold not in ("zero", "first"):
-            raise ValueError(f"hold must be 'zero' or 'first', got {hold!r}")
+        one_of("hold", hold, ("zero", "first"))
         instance("axis", axis, FrictionAxis)
         force = samples("u", u)
         dt, x0, v0 = positive("dt", dt, unit="s"), finite("x0", x0), finite("v0", v0)
@@ -212,13 +199,11 @@ class Law(ABC):
 class _Switched(Law):
     """A law with a state of rest, in which friction holds the load up to a level."""
 
-    def _rest(self) -> tuple[float, int]:
-        """Largest velocity at rest, and index of the level there in `_Motion.forces`."""
-        return 0.0, 1
+    # Largest velocity at rest, and index of the level there in `_Motion.forces`.
+    band, _held_by = 0.0, 1
 
     def _solve(self, motion: _Motion, level: float, x: float, v: float, out: Floats) -> None:
-        unit = np.array([motion.dt, 1.0]) * level * motion.push
-        band, _ = self._rest()
+        unit, band = np.array([motion.dt, 1.0]) * level * motion.push, self.band
         s, rest, switches = int(np.sign(v)) if abs(v) > band else 0, 0.0, 0
         for begin, end in pairwise(motion.kinks):
             motion.enter(begin, end, x, v if s else 0.0)
@@ -255,27 +240,24 @@ class _Switched(Law):
 
     def _held(self, motion: _Motion, k: float, x: float, rest: float) -> tuple[float, float, float]:
         """Load at rest, and what it has beyond friction to either side."""
-        _, level = self._rest()
         plus, minus = (motion.forces(k, x, 0.0, 0.0, side, rest) for side in (1.0, -1.0))
-        return plus[0], plus[0] - plus[level], -minus[0] - minus[level]
+        return plus[0], plus[0] - plus[self._held_by], -minus[0] - minus[self._held_by]
 
     def _slide(
         self, motion: _Motion, begin: float, end: float, x: float, v: float, s: int, unit: Floats,
         out: Floats,
     ) -> tuple[float, float, float, bool]:  # fmt: skip
         """Time, position and velocity where the slide or the piece ends; whether it rests."""
-        band, _ = self._rest()
 
         def rates(k: float, y: Floats) -> Floats:
             x, v = (y * unit).tolist()
             w, level, _ = motion.forces(k, x, v, s, s)
-            return (
-                np.array([v * motion.dt, (w - motion.viscous * v - s * level) * motion.push]) / unit
-            )
+            dv = (w - motion.viscous * v - s * level) * motion.push
+            return np.array([v * motion.dt, dv]) / unit
 
         def outside(k: float, y: Floats) -> float:
             # A motion that starts at the edge of the band leaves it.
-            return float(s * y[1] - band / unit[1]) if k > begin else 1.0
+            return float(s * y[1] - self.band / unit[1]) if k > begin else 1.0
 
         def turning(k: float, y: Floats) -> float:
             return float(s * rates(k, y)[1])
@@ -307,8 +289,7 @@ class _Switched(Law):
         once the net force at the band's edge points outwards, else drag that begins there switches
         endlessly.
         """
-        band, _ = self._rest()
-        left = stop - k
+        left, band = stop - k, self.band
         now = self._held(motion, k, x, rest)[1:]
         then = self._held(motion, stop, x, rest + left * motion.dt)[1:]
         side, start = -1, left
@@ -339,9 +320,8 @@ class _Switched(Law):
 
     def _outward(self, motion: _Motion, k: float, x: float, s: int) -> float:
         """Net force at the edge of the band, outwards."""
-        band, _ = self._rest()
-        w, level, _ = motion.forces(k, x, s * band, s, s)
-        return s * w - motion.viscous * band - level
+        w, level, _ = motion.forces(k, x, s * self.band, s, s)
+        return s * w - motion.viscous * self.band - level
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -401,10 +381,8 @@ class _Smooth(Law):
 class Sign(_Switched):
     """Coulomb's law with a sign function, solved exactly.
 
-    At v = 0 the force is any value between the two levels there, the Filippov solution
-    of m v' = w - Fc sign(v): the mass rests while they hold the load w. This is the
-    limit of the tanh law for a vanishing width, without its creep and without the
-    chatter of a sampled sign function.
+    At v = 0 the force is any value between the two levels there, the Filippov solution of
+    m v' = w - Fc sign(v): the mass rests while they hold the load w.
 
     Examples
     --------
@@ -453,14 +431,14 @@ class Tanh(_Smooth):
 class Karnopp(_Switched):
     """Karnopp's law with a zero-velocity band.
 
-    Inside the band the velocity counts as zero and friction balances the load up to the
-    breakaway level (1 + sigma) Fc; load beyond that builds up momentum, and the mass
-    slides once its velocity is outside the band.
+    Inside the band the velocity counts as zero and friction balances the load up to the breakaway
+    level (1 + sigma) Fc; load beyond that builds up momentum, and the mass slides once its velocity
+    is outside the band.
 
     References
     ----------
-    D. Karnopp, "Computer simulation of stick-slip friction in mechanical dynamic
-    systems", J. Dyn. Syst. Meas. Control 107(1), 100-103, 1985.
+    D. Karnopp, "Computer simulation of stick-slip friction in mechanical dynamic systems", J. Dyn.
+    Syst. Meas. Control 107(1), 100-103, 1985.
 
     Examples
     --------
@@ -475,9 +453,7 @@ class Karnopp(_Switched):
     """
 
     band: float = stated("Half width of the band [m/s].")
-
-    def _rest(self) -> tuple[float, int]:
-        return self.band, 2
+    _held_by = 2
 
 
 @with_parameters
@@ -485,13 +461,11 @@ class Karnopp(_Switched):
 class Dahl(_Smooth):
     """Dahl's elastic friction, with exponent 1.
 
-    ``F = sigma0 z`` and ``z' = v - sigma0 |v| z / Fc``.  Dahl's own level is constant; a
-    Stribeck peak, if the axis has one, enters through Fc.
+    ``F = sigma0 z`` and ``z' = v - sigma0 |v| z / Fc``; a Stribeck peak enters through Fc.
 
     References
     ----------
-    P. R. Dahl, "A solid friction model", The Aerospace Corporation,
-    TOR-0158(3107-18)-1, 1968.
+    P. R. Dahl, "A solid friction model", The Aerospace Corporation, TOR-0158(3107-18)-1, 1968.
 
     Examples
     --------
@@ -519,13 +493,13 @@ class Dahl(_Smooth):
 class LuGre(Dahl):
     """LuGre: bristles with a stiffness and a damping.
 
-    ``F = sigma0 z + sigma1 z'`` and ``z' = v - sigma0 |v| z / g(x, v)``.  g is the axis's
-    level with its Stribeck peak; the viscous part sigma2 v is the axis's own.
+    ``F = sigma0 z + sigma1 z'`` and ``z' = v - sigma0 |v| z / g(x, v)``.  g is the axis's level
+    with its Stribeck peak; the viscous part sigma2 v is the axis's own.
 
     References
     ----------
-    C. Canudas de Wit, H. Olsson, K. J. Astrom and P. Lischinsky, "A new model for control
-    of systems with friction", IEEE Trans. Automatic Control 40(3), 419-425, 1995.
+    C. Canudas de Wit, H. Olsson, K. J. Astrom and P. Lischinsky, "A new model for control of
+    systems with friction", IEEE Trans. Automatic Control 40(3), 419-425, 1995.
 
     Examples
     --------

@@ -12,25 +12,11 @@ from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, positive, samples, warn
-from dryfric_control.compiled.loop import (
-    LONGEST_SPAN,
-    READINGS,
-    SPEED,
-    control_force,
-    control_update,
-    encode,
-    run_loop,
-)
-from dryfric_control.model.axis import (
-    Arrays,
-    FrictionAxis,
-    check_finite,
-    check_pace,
-    without_effects,
-)
+from dryfric_control.compiled import loop as kernel
+from dryfric_control.model.axis import Arrays, FrictionAxis, check_pace, without_effects
 from dryfric_control.model.block import Block
 from dryfric_control.model.profiles import MotionProfile
-from dryfric_control.model.responses import SimulationResponse, located
+from dryfric_control.model.responses import SimulationResponse, check_finite, located
 from dryfric_control.order import check_bandwidth_and_dt
 from dryfric_control.text import see, stated, with_parameters
 from dryfric_control.units import same_unit
@@ -69,8 +55,7 @@ class PositionController:
         u = sat(kp (r - y) + ki integral(r - y) - kd v_f)
         v_f: (y[k] - y[k - span]) / (span dt), through a first-order low-pass
 
-    The integral is unwound by back-calculation with the rate kp/ki while the
-    force is limited.
+    The integral is unwound with the rate kp/ki while the force is limited.
 
     Examples
     --------
@@ -98,9 +83,9 @@ class PositionController:
         positive("filter_time", self.filter_time, unit="s", zero=True)
         if self.limit != math.inf:
             positive("limit", self.limit, unit="N")
-        if isinstance(self.span, bool) or self.span not in range(1, LONGEST_SPAN + 1):
+        if isinstance(self.span, bool) or self.span not in range(1, kernel.LONGEST_SPAN + 1):
             raise ValueError(
-                f"span must be a whole number from 1 to {LONGEST_SPAN}, got {self.span!r}"
+                f"span must be a whole number from 1 to {kernel.LONGEST_SPAN}, got {self.span!r}"
             )
 
     @classmethod
@@ -117,7 +102,6 @@ class PositionController:
         Parameters
         ----------
         axis : FrictionAxis
-            The axis; the design uses its sampled sliding mode.
         bandwidth : float
             Closed-loop bandwidth [rad/s].
         dt : float
@@ -130,11 +114,10 @@ class PositionController:
 
         Notes
         -----
-        State feedback with integral action on the exactly sampled sliding mode:
-        two poles at exp(-w dt), the third at exp(-w3 dt) with
-        w3 = max(w, f/m - 2 w), the slowest that needs no negative velocity gain; with
-        `at`, f/m is the damping there.  A delay or lag of the drive, presliding, backlash and
-        compliance are left out: keep the bandwidth well below theirs.
+        State feedback with integral action on the exactly sampled sliding mode: two poles at
+        exp(-w dt), the third at exp(-w3 dt) with w3 = max(w, f/m - 2 w), the slowest that needs no
+        negative velocity gain; with `at`, f/m is the damping there.  Keep the bandwidth well below
+        that of delay, lag, presliding, backlash and compliance, which are left out.
         """
         instance("axis", axis, FrictionAxis)
         bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
@@ -158,14 +141,8 @@ class PositionController:
         a = np.block([[sliding.A, np.zeros((2, 1))], [-dt * sliding.C, np.ones((1, 1))]])
         b = np.vstack([sliding.B, [[0.0]]])
         kp, kd, minus_ki = np.asarray(ct.acker(a, b, poles)).ravel()
-        return cls(
-            kp=float(kp),
-            ki=float(-minus_ki),
-            kd=float(max(kd, 0.0)),
-            dt=dt,
-            limit=limit,
-            filter_time=max(0.05 / bandwidth, 2.0 * dt),
-        )
+        gains = float(kp), float(-minus_ki), float(max(kd, 0.0))
+        return cls(*gains, dt, limit, filter_time=max(0.05 / bandwidth, 2.0 * dt))
 
     @property
     def gains(self) -> Floats:
@@ -178,15 +155,14 @@ class PositionController:
 
         Parameters
         ----------
-        reading : float, optional
-            Position reading [m].
-        speed : float, optional
-            Velocity [m/s].
+        reading, speed : float, optional
+            Position reading [m] and velocity [m/s].
         """
         reading, speed = finite("reading", reading), finite("speed", speed)
-        memory = np.zeros(READINGS + LONGEST_SPAN)
-        memory[SPEED] = speed
-        memory[READINGS:] = reading - speed * self.dt * np.arange(1, LONGEST_SPAN + 1)
+        memory = np.zeros(kernel.READINGS + kernel.LONGEST_SPAN)
+        memory[kernel.SPEED] = speed
+        ago = np.arange(1, kernel.LONGEST_SPAN + 1)
+        memory[kernel.READINGS :] = reading - speed * self.dt * ago
         return memory
 
     def run(self, loop: LoopRun) -> tuple[Floats, int]:
@@ -195,10 +171,9 @@ class PositionController:
         Parameters
         ----------
         loop : LoopRun
-            Plant, reference and encoder; its `out` is filled.
         """
-        memory = self.memory(encode(loop.state[0], loop.quantum), loop.state[1])
-        return run_loop(
+        memory = self.memory(kernel.encode(loop.state[0], loop.quantum), loop.state[1])
+        return kernel.run_loop(
             loop.axis.numbers, loop.axis.integers, loop.state, self.gains, memory,
             loop.motion.position, loop.disturbance, loop.quantum, self.dt, loop.room, loop.out,
         )  # fmt: skip
@@ -212,16 +187,11 @@ class PositionController:
         """
         gains = self.gains
 
-        def update(t: float, x: Any, u: Any) -> Floats:
-            memory = np.array(x, dtype=float)
-            control_update(gains, memory, u[0], u[1])
-            return memory
+        def step(t: float, memory: Floats, u: Any) -> Floats:
+            return np.array([kernel.control_update(gains, memory, u[0], u[1])])
 
-        def output(t: float, x: Any, u: Any) -> Floats:
-            return np.array([control_force(gains, np.array(x, dtype=float), u[0], u[1])[1]])
-
-        states = ["integral", "speed", *(f"y{i + 1}" for i in range(LONGEST_SPAN))]
-        return Block.of(update, output, "xref y", "u", states, self.dt, name)
+        states = ["integral", "speed", *(f"y{i + 1}" for i in range(kernel.LONGEST_SPAN))]
+        return Block.stepped(step, "xref y", "u", states, self.dt, name)
 
 
 def simulate_loop(
@@ -254,13 +224,9 @@ def simulate_loop(
     Returns
     -------
     SimulationResponse
-        Outputs x, v, F, mode, u, y; input r; with `events`.
-
-    Notes
-    -----
-    It agrees to round-off with `axis_block`, `encoder` and `PositionController.block` connected by
-    `control.interconnect`.  A RuntimeWarning says that the loop diverges: at the end the error is
-    more than ten times the travel of the reference, and the axis still moves.
+        Outputs x, v, F, mode, u, y; input r; with `events`.  A RuntimeWarning says that the loop
+        diverges: at the end the error is more than ten times the travel of the reference, and the
+        axis still moves.
 
     Examples
     --------
@@ -302,16 +268,10 @@ def simulate_loop(
     events = located(run)
     check_finite(out)
     _warn_if_divergent(axis, motion, force, out)
+    labels = {"output_labels": ["x", "v", "F", "mode", "u", "y"], "input_labels": ["r"]}
+    title, time = f"{axis.name}: closed loop", np.arange(r.size) * dt
     return SimulationResponse(
-        np.arange(r.size) * dt,
-        out,
-        r.reshape(1, -1),
-        events,
-        output_labels=["x", "v", "F", "mode", "u", "y"],
-        input_labels=["r"],
-        title=f"{axis.name}: closed loop",
-        sysname=axis.name,
-        units=axis.units,
+        time, out, r.reshape(1, -1), events, axis.units, title=title, sysname=axis.name, **labels
     )
 
 

@@ -59,7 +59,6 @@ class MotionProfile:
             Motion, or positions [m]; those are differenced.
         dt : float
             Sampling time [s].
-
         """
         if isinstance(reference, MotionProfile):
             if not math.isclose(reference.dt, dt, rel_tol=1e-9):
@@ -69,10 +68,10 @@ class MotionProfile:
                 )
             return reference
         x = samples("reference", reference)
-        if x.size < 3:
-            return cls(dt, x, np.zeros(x.size), np.zeros(x.size))
-        v = np.gradient(x, dt)
-        return cls(dt, x, v, np.concatenate([[0.0], np.diff(x, 2) / dt**2, [0.0]]))
+        v, a = np.zeros((2, x.size))
+        if x.size > 2:
+            v, a[1:-1] = np.gradient(x, dt), np.diff(x, 2) / dt**2
+        return cls(dt, x, v, a)
 
     @panels(3)
     def plot(self, axes: Any) -> str:
@@ -123,9 +122,8 @@ def motion_profile(
 
     Notes
     -----
-    Each move has seven phases of constant jerk +j, 0, -j, 0, -j, 0, +j (some of
-    them empty), in closed form, and begins on a sample.  Sampled is the exact
-    motion, so the limits hold between the samples too.
+    Each move has seven phases of constant jerk +j, 0, -j, 0, -j, 0, +j (some of them empty), and
+    begins on a sample.  Sampled is the exact motion: the limits hold between the samples too.
 
     Examples
     --------
@@ -155,20 +153,21 @@ def motion_profile(
         )
     if np.any(rests < 0.0):
         raise ValueError(f"dwell must be zero or more [s], got {dwell!r}")
-    rests = np.broadcast_to(rests, places.shape)
-    parts = [_rest(places[0], rests[0], dt)]
-    for start, end, rest in zip(places[:-1], places[1:], rests[1:], strict=True):
-        parts += [_move(start, end, dt, *limits, unit), _rest(end, rest, dt)]
-    parts.append(np.array([[places[-1]], [0.0], [0.0]]))
-    position, speed, rate = np.hstack(parts)
+    # Rows of an axis at rest, without the sample at the end.
+    counts = np.ceil(np.broadcast_to(rests, places.shape) / dt - 1e-9).astype(int)
+    still = [np.repeat([[x], [0.0], [0.0]], n, 1) for x, n in zip(places, counts, strict=True)]
+    parts = [still[0]]
+    for start, end, rest in zip(places[:-1], places[1:], still[1:], strict=True):
+        parts += [_move(start, end, dt, *limits, unit), rest]
+    position, speed, rate = np.hstack([*parts, [[places[-1]], [0.0], [0.0]]])
     return MotionProfile(dt, position, speed, rate, unit)
 
 
-def _rest(place: float, duration: float, dt: float) -> Floats:
-    """Rows of an axis at rest, without the sample at the end."""
-    rows = np.zeros((3, math.ceil(duration / dt - 1e-9)))
-    rows[0] = place
-    return rows
+def _after(h: Any, state: Any, jerk: Any) -> tuple[Any, Any, Any]:
+    """Position, velocity and acceleration after a time of constant jerk."""
+    x, v, a = state
+    x = x + h * (v + h * (a / 2.0 + h * jerk / 6.0))
+    return x, v + h * (a + h * jerk / 2.0), a + h * jerk
 
 
 def _move(start: float, end: float, dt: float, v: float, a: float, j: float, unit: str) -> Floats:
@@ -184,25 +183,12 @@ def _move(start: float, end: float, dt: float, v: float, a: float, j: float, uni
     # State at the start of every phase.
     states = np.zeros((8, 3))
     for i, (jerk, h) in enumerate(zip(jerks, lengths, strict=True)):
-        x, u, b = states[i]
-        states[i + 1] = (
-            x + h * (u + h * (b / 2.0 + h * jerk / 6.0)),
-            u + h * (b + h * jerk / 2.0),
-            b + h * jerk,
-        )
+        states[i + 1] = _after(h, states[i], jerk)
     t = np.arange(math.ceil(ends[-1] / dt - 1e-9)) * dt
     phase = np.minimum(np.searchsorted(ends, t, side="right"), 6)
     h = t - np.concatenate([[0.0], ends[:-1]])[phase]
-    x, u, b = states[phase].T
-    jerk = jerks[phase]
-    s = math.copysign(1.0, end - start)
-    rows = np.vstack(
-        [
-            start + s * (x + h * (u + h * (b / 2.0 + h * jerk / 6.0))),
-            s * (u + h * (b + h * jerk / 2.0)),
-            s * (b + h * jerk),
-        ]
-    )
+    rows = math.copysign(1.0, end - start) * np.array(_after(h, states[phase].T, jerks[phase]))
+    rows[0] += start
     return rows
 
 

@@ -23,10 +23,7 @@ MODE_NAMES = {0: "stuck", 1: "sliding +", -1: "sliding -"}
 class Events:
     """Located switches of a simulation.
 
-    Notes
-    -----
-    A breakaway at t = 0 is no entry here: the first input decides the mode that
-    the run starts in, `mode[0]`.
+    A breakaway at t = 0 is no entry: the first input decides the mode of the start, `mode[0]`.
 
     Examples
     --------
@@ -55,18 +52,14 @@ class Events:
         ----------
         before, after : int
         """
-        for name, mode in (("before", before), ("after", after)):
-            if not isinstance(mode, (int, np.integer)) or mode not in MODE_NAMES:
-                raise ValueError(f"{name} must be 0 (stuck), +1 or -1 (sliding), got {mode!r}")
+        check_mode("before", before)
+        check_mode("after", after)
         return self.time[(self.before == before) & (self.after == after)]
 
     def __repr__(self) -> str:
-        rows = [f"{len(self)} switches"]
-        for t, before, after in list(self)[:8]:
-            rows.append(f"  {t:.9f} s  {MODE_NAMES[before]} -> {MODE_NAMES[after]}")
-        if len(self) > 8:
-            rows.append("  ...")
-        return "\n".join(rows)
+        first = list(self)[:8]
+        rows = [f"  {t:.9f} s  {MODE_NAMES[one]} -> {MODE_NAMES[other]}" for t, one, other in first]
+        return "\n".join([f"{len(self)} switches", *rows, *["  ..."] * (len(self) > 8)])
 
 
 def located(run: Callable[[int], tuple[Floats, int]]) -> Events:
@@ -79,6 +72,23 @@ def located(run: Callable[[int], tuple[Floats, int]]) -> Events:
             return Events(rows[:, 0].copy(), before, after)
         room *= 8
     raise TooManySwitchesError
+
+
+def check_mode(name: str, index: Any) -> None:
+    """Refuse what is none of the three modes."""
+    if isinstance(index, (bool, str)) or not np.isscalar(index) or index not in MODE_NAMES:
+        raise ValueError(f"{name} must be 0 (stuck), +1 or -1 (sliding), got {index!r}")
+
+
+def check_finite(outputs: Floats) -> None:
+    """Refuse to return a motion that has left the range of numbers."""
+    # What is not finite once stays so: the last sample tells.
+    if not np.isfinite(outputs[:3, -1]).all():
+        first = int(np.argmin(np.isfinite(outputs[:3]).all(axis=0)))
+        raise ValueError(
+            f"the motion leaves the range of numbers at sample {first}: check the units of dt, of "
+            "the input, and of mass, viscous and coulomb, and that a loop is stable"
+        )
 
 
 class Response(ct.TimeResponseData):
@@ -116,9 +126,7 @@ class Response(ct.TimeResponseData):
 class SimulationResponse(Response):
     """Time response of an axis, with located switches.
 
-    A `control.TimeResponseData` with outputs x, v, F and mode, states x and v,
-    input u, and the attribute `events`.  Made by `FrictionAxis.simulate` and
-    `simulate_loop`.
+    A `control.TimeResponseData` with the attribute `events`.
 
     Parameters
     ----------
@@ -171,8 +179,7 @@ class SimulationResponse(Response):
     def plot(self, axes: Any) -> str:
         """Draw position, velocity and force; a grey band at rest.
 
-        A closed loop has four panels: its tracking error (reference - position) is the second.
-        `control.time_response_plot` draws every signal in a panel of its own.
+        In a closed loop the tracking error (reference - position) is a fourth panel.
         """
         length, force = self.units
         labels = self.output_labels

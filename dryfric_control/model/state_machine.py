@@ -9,6 +9,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dryfric_control.checks import instance
 from dryfric_control.drawing import axes_of, control_plot
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.responses import MODE_NAMES
@@ -26,7 +27,6 @@ def plot_state_machine(axis: FrictionAxis, ax: Any = None) -> ct.ControlPlot:
     Parameters
     ----------
     axis : FrictionAxis
-        The axis whose rule, levels and speeds are written into the drawing.
     ax : Axes, optional
         Where to draw.  Default: a new figure.  The letters keep their size:
         give axes at least 6.5 inches wide and 3.6 high.
@@ -49,16 +49,14 @@ def plot_state_machine(axis: FrictionAxis, ax: Any = None) -> ct.ControlPlot:
     >>> any("10.4 N" in text for text in words)     # breakaway (1 + 0.3) 8 N
     True
     """
-    if not isinstance(axis, FrictionAxis):
-        raise ValueError(f"axis must be a FrictionAxis, got {type(axis).__name__}")
+    instance("axis", axis, FrictionAxis)
     axes = axes_of(ax, 1, figsize=(7.0, 4.2))
     one = axes[0]
     effects = axis.effects
     axis = axis.effective()
     force = "w" if any(e.action != "axis" for e in effects) else "u"
     one.set_axis_off()
-    one.set_xlim(-0.01, 1.01)  # room for the lines of the boxes
-    one.set_ylim(0.0, 1.0)
+    one.set(xlim=(-0.01, 1.01), ylim=(0.0, 1.0))  # room for the lines of the boxes
     one.set_title(f"{axis.name}: modes and switching", loc="left")
     for mode, rows in _modes(axis, force).items():
         _box(one, mode, rows)
@@ -88,12 +86,9 @@ def _modes(axis: FrictionAxis, force: str) -> dict[int, list[str]]:
     for s, sign in _SIGNS.items():
         # Friction opposes the motion: the level is a magnitude.
         rows[s] = [rf"$m\,\dot v = {force} - f\,v {'-' if s > 0 else '+'} F_{sign}$"]
-        if axis.stribeck:
-            slip = "v" if s > 0 else "-v"
-            peak = rf"-(({slip} - \Sigma)/v_s)^2"
-            rows[s] += [rf"$F_{sign} = F_{{c{sign}}}\,(1 + \sigma\,e^{{{peak}}})$"]
-        else:
-            rows[s] += [rf"$F_{sign} = F_{{c{sign}}}$"]
+        peak = rf"-(({'v' if s > 0 else '-v'} - \Sigma)/v_s)^2"
+        more = rf"\,(1 + \sigma\,e^{{{peak}}})" if axis.stribeck else ""
+        rows[s] += [rf"$F_{sign} = F_{{c{sign}}}{more}$"]
         rows[s] += [rf"$F_{{c{sign}}}$ = {_levels(axis, axis.coulomb, s)}"]
     return rows
 
@@ -121,33 +116,21 @@ def _box(ax: Any, mode: int, rows: list[str]) -> None:
     from matplotlib.patches import FancyBboxPatch
 
     left, bottom, width, height = _BOXES[mode]
-    style = "round,pad=0,rounding_size=0.02"
-    face = "0.9" if mode == 0 else "white"
-    ax.add_patch(
-        FancyBboxPatch((left, bottom), width, height, style, facecolor=face, edgecolor="k", lw=1.2)
-    )
+    look: dict[str, Any] = {"facecolor": "white" if mode else "0.9", "edgecolor": "k", "lw": 1.2}
+    shape = "round,pad=0,rounding_size=0.02"
+    ax.add_patch(FancyBboxPatch((left, bottom), width, height, shape, **look))
     middle, count = left + 0.5 * width, len(rows) + 1
+    style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": _EQUATION}
     for i, text in enumerate([MODE_NAMES[mode], *rows]):
-        ax.text(
-            middle,
-            bottom + height * (1.0 - (i + 0.5) / count),
-            text,
-            ha="center",
-            va="center",
-            fontsize=_EQUATION,
-            weight="bold" if i == 0 else "normal",
-        )
+        y = bottom + height * (1.0 - (i + 0.5) / count)
+        ax.text(middle, y, text, weight="normal" if i else "bold", **style)
 
 
 def _arrow(ax: Any, start: tuple[float, float], end: tuple[float, float], bend: str) -> None:
     from matplotlib.patches import FancyArrowPatch
 
-    ax.add_patch(
-        FancyArrowPatch(
-            start, end, connectionstyle=bend, arrowstyle="-|>", mutation_scale=13, color="k",
-            lw=1.1, shrinkA=0, shrinkB=0,
-        )
-    )  # fmt: skip
+    look: dict[str, Any] = {"connectionstyle": bend, "arrowstyle": "-|>", "mutation_scale": 13}
+    ax.add_patch(FancyArrowPatch(start, end, color="k", lw=1.1, shrinkA=0, shrinkB=0, **look))
 
 
 def _beyond(force: str, s: int) -> str:

@@ -1,10 +1,8 @@
 """The certificate of an observer design, recomputed from its gains.
 
-A solver's word is not a certificate.  Everything here is plain double
-precision linear algebra on the gains that will run: each inequality of the
-design is evaluated for each allowed step between memory states, in its
-original form (no slack matrix), and made dimensionless by the Cholesky factors
-of the Lyapunov matrices so that no choice of units hides a violation.
+Each inequality of the design is evaluated for each allowed step between memory states, on the
+gains that will run, in its original form (no slack matrix), and made dimensionless by the Cholesky
+factors of the Lyapunov matrices, so that no choice of units hides a violation.
 """
 
 from __future__ import annotations
@@ -30,10 +28,7 @@ HEADROOM = 1e-6
 
 
 class CertificateError(ValueError):
-    """A design fails its certificate.
-
-    Raised by `design_pi_observer`, which never returns such a design, and by
-    `load_design` for a file that was changed.
+    """A design, or a file of one, fails its certificate.
 
     Examples
     --------
@@ -97,10 +92,7 @@ class Certificate(Result):
         return self.gamma / self.limit - 1.0 if self.limit else float("inf")
 
     def _shown(self) -> Iterator[str]:
-        radii = ", ".join(
-            f"mode {m:+d}: {r:.5f}" if m else f"mode 0: {r:.5f}"
-            for m, r in self.spectral_radius.items()
-        )
+        radii = (f"mode {signed(m)}: {r:.5f}" for m, r in self.spectral_radius.items())
         yield (
             f"gain  {self.lower_bound:.6g} <= true gain <= {self.gamma:.6g} "
             f"(gap {100 * self.gap:.2f} %)"
@@ -109,7 +101,7 @@ class Certificate(Result):
         shown = _run_lengths(self.hardest_sequence)
         yield f"      no observer can be below {self.limit:.6g}, shown by {shown}"
         yield f"decay {self.decay:.6g} per sample for every allowed switching"
-        yield f"poles {radii}"
+        yield f"poles {', '.join(radii)}"
         yield f"check {len(self.blocks)} inequalities hold with margin {self.margin:.3g}"
 
     def to_dict(self) -> dict[str, Any]:
@@ -117,43 +109,52 @@ class Certificate(Result):
         return asdict(self)
 
 
+def signed(mode: int) -> str:
+    """A mode as text: 0, +1 or -1."""
+    return f"{mode:+d}" if mode else "0"
+
+
 def _run_lengths(word: tuple[int, ...]) -> str:
-    return ", ".join(f"{key:+d} x {n}" if key else f"0 x {n}" for key, n in runs_of(word))
+    return ", ".join(f"{signed(key)} x {n}" for key, n in runs_of(word))
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What gains have to meet: error dynamics by class, allowed steps, decay per sample."""
+
+    models: Mapping[int, ErrorModel]
+    graph: ModeGraph
+    decay: float
+
+    def steps(
+        self, gains: Floats, factors: Floats
+    ) -> Iterator[tuple[int, int, Floats, Floats, Floats, Floats]]:
+        """Each step i to j, its closed F and G, R_i^-T, and Z R_i^-T."""
+        for i, j in self.graph.edges:
+            model = self.models[self.graph.labels[i]]
+            F, G = model.closed(gains[model.node(i, j)])
+            inverse = np.linalg.inv(factors[i]).T
+            yield i, j, F, G, inverse, model.Z @ inverse
 
 
 def _factors(matrices: Floats, graph: ModeGraph, what: str) -> Floats:
-    symmetric = (matrices + matrices.transpose(0, 2, 1)) / 2.0
-    result = np.empty_like(symmetric)
-    for k, P in enumerate(symmetric):
+    result = np.empty_like(matrices)
+    for k, P in enumerate((matrices + matrices.transpose(0, 2, 1)) / 2.0):
         try:
             result[k] = np.linalg.cholesky(P)
         except np.linalg.LinAlgError:
             raise CertificateError(
-                f"the Lyapunov matrix of the {what} condition at memory state "
-                f"({graph.names[k]}) is not positive definite: the design proves nothing; "
-                "relax decay, or design again"
+                f"the Lyapunov matrix of the {what} condition at memory state ({graph.names[k]}) "
+                "is not positive definite: relax decay, or design again"
             ) from None
     return result
 
 
-def _steps(
-    models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Floats, factors: Floats
-) -> Iterator[tuple[int, int, Floats, Floats, Floats, Floats]]:
-    """Each step i to j, its closed F and G, R_i^-T, and Z R_i^-T."""
-    for i, j in graph.edges:
-        model = models[graph.labels[i]]
-        F, G = model.closed(gains[model.node(i, j)])
-        inverse = np.linalg.inv(factors[i]).T
-        yield i, j, F, G, inverse, model.Z @ inverse
-
-
-def proved_gain(
-    models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Floats, lyapunov: Floats
-) -> float:
+def proved_gain(problem: Problem, gains: Floats, lyapunov: Floats) -> float:
     """Smallest gamma that given Lyapunov matrices prove."""
+    graph, worst = problem.graph, 0.0
     factors = _factors(lyapunov, graph, "gain")
-    worst = 0.0
-    for i, j, F, G, inverse, out in _steps(models, graph, gains, factors):
+    for i, j, F, G, inverse, out in problem.steps(gains, factors):
         step, enter = factors[j].T @ F @ inverse, factors[j].T @ G
         kept = np.eye(3) - out.T @ out - step.T @ step
         if np.linalg.eigvalsh(kept)[0] < LEAST_MARGIN:
@@ -167,17 +168,12 @@ def proved_gain(
 
 
 def evaluate_blocks(
-    models: Mapping[int, ErrorModel],
-    graph: ModeGraph,
-    gains: Floats,
-    gamma: float,
-    decay: float,
-    lyapunov: Floats,
-    lyapunov_decay: Floats,
+    problem: Problem, gains: Floats, gamma: float, lyapunov: Floats, lyapunov_decay: Floats
 ) -> tuple[Block, ...]:
     """Largest eigenvalue of every inequality, from the gains."""
     # With P = R R' the gain block of a step i to j is, dimensionless,
     # T'T + U'U - I, T = R_j' [F R_i^-T, G / gamma], U = [Z R_i^-T, 0].
+    graph, decay = problem.graph, problem.decay
     P = _factors(lyapunov, graph, "gain")
     Q = _factors(lyapunov_decay, graph, "decay") if decay < 1.0 else P
     blocks = []
@@ -186,7 +182,7 @@ def evaluate_blocks(
         top = np.linalg.eigvalsh(T.T @ T + U.T @ U - np.eye(T.shape[1]))[-1]
         blocks.append(Block(kind, graph.names[i], graph.names[j], float(top)))
 
-    for i, j, F, G, inverse, out in _steps(models, graph, gains, P):
+    for i, j, F, G, inverse, out in problem.steps(gains, P):
         T = P[j].T @ np.hstack([F @ inverse, G / gamma])
         add("gain", i, j, T, np.hstack([out, np.zeros((len(out), G.shape[1]))]))
         if decay < 1.0:
@@ -215,22 +211,21 @@ def check_blocks(blocks: tuple[Block, ...]) -> float:
 
 
 def certify(
-    models: Mapping[int, ErrorModel],
-    graph: ModeGraph,
+    problem: Problem,
     classes: Mapping[int, int],
     gains: Floats,
     gamma: float,
-    decay: float,
     lyapunov: Floats,
     lyapunov_decay: Floats,
     unit: float,
 ) -> Certificate:
     """Certificate of a design, or an error that says what fails."""
+    models, graph = problem.models, problem.graph
     if not (np.all(np.isfinite(gains)) and np.isfinite(gamma) and gamma > 0.0):
         raise CertificateError(
             f"gains and gamma must be finite numbers, got gamma = {gamma!r}: design again"
         )
-    blocks = evaluate_blocks(models, graph, gains, gamma, decay, lyapunov, lyapunov_decay)
+    blocks = evaluate_blocks(problem, gains, gamma, lyapunov, lyapunov_decay)
     margin = check_blocks(blocks)
     resting = graph.resting()
     radius = {}
@@ -239,14 +234,5 @@ def certify(
         radius[mode] = float(np.max(np.abs(np.linalg.eigvals(F))))
     lower, sequence = worst_switching(models, graph, gains, gamma)
     limit, hardest = hardest_switching(models, graph, gamma)
-    return Certificate(
-        gamma=gamma * unit,
-        lower_bound=lower * unit,
-        worst_sequence=sequence,
-        limit=limit * unit,
-        hardest_sequence=hardest,
-        decay=decay,
-        spectral_radius=radius,
-        margin=margin,
-        blocks=blocks,
-    )
+    gains_found = gamma * unit, lower * unit, sequence, limit * unit, hardest
+    return Certificate(*gains_found, problem.decay, radius, margin, blocks)

@@ -12,19 +12,15 @@ from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, one_of, samples
+from dryfric_control.model import loops
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.blocks import axis_block, encoder, reference_filter
-from dryfric_control.model.loops import (
-    LoopController,
-    PositionController,
-    check_controller,
-    simulate_loop,
-)
+from dryfric_control.model.loops import LoopController, PositionController
 from dryfric_control.model.responses import SimulationResponse
 from dryfric_control.observer import figures, runtime
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.score import EstimateScore, score_estimate, switch_delays
-from dryfric_control.text import Result
+from dryfric_control.text import Result, plain_data
 
 _PLANT = ("x", "v", "F", "mode", "u", "y")
 
@@ -70,25 +66,18 @@ class ObservedLoop(Result):
     def _shown(self) -> Iterator[str]:
         yield from self.score.summary(self.axis.units[0]).splitlines()
         _, delay = self.delays
-        if not delay.size:
-            return
-        seen = delay[np.isfinite(delay)] * 1e3
-        spread = (
-            f", delay {np.median(seen):.1f} ms in the middle, {seen.max():.1f} ms at most"
-            if seen.size
-            else ""
-        )
-        yield f"switches     {delay.size}, missed {delay.size - seen.size}{spread}"
+        seen, spread = delay[np.isfinite(delay)] * 1e3, ""
+        if seen.size:
+            spread = f", delay {np.median(seen):.1f} ms in the middle, {seen.max():.1f} ms at most"
+        if delay.size:
+            yield f"switches     {delay.size}, missed {delay.size - seen.size}{spread}"
 
     def to_dict(self) -> dict[str, Any]:
         """Score and delays as plain numbers."""
-        time, delay = self.delays
-        return {
-            "score": self.score.to_dict(),
-            "switches": len(time),
-            "missed": int(np.isnan(delay).sum()),
-            "delay": [None if np.isnan(d) else float(d) for d in delay],
-        }
+        _, delay = self.delays
+        missed = int(np.isnan(delay).sum())
+        found = {"score": self.score, "switches": delay.size, "missed": missed, "delay": delay}
+        return {name: plain_data(value) for name, value in found.items()}
 
     def plot(self, ax: Any = None, title: str | None = None, what: str = "all") -> ct.ControlPlot:
         """Draw the plant against its estimate.
@@ -123,14 +112,12 @@ def simulate_observed_loop(
     ----------
     axis : FrictionAxis
     controller : PositionController or CompensatedController
-        The controller; it uses the readings, not the estimate.
+        It uses the readings, not the estimate.
     design : ObserverDesign
-        The observer; its inputs are the drive u and the reading y.
     reference : array_like, shape (n,)
         Position reference at the samples [m].
     bandwidth : float or None, optional
-        Corner of the low-pass on the reference [rad/s], which rests at `x0` at
-        first; None leaves it out.
+        Corner of the low-pass on the reference [rad/s], at `x0` at first; None leaves it out.
     quantum : float, optional
         Encoder increment [m]; 0 measures exactly.
     x0, v0 : float, optional
@@ -141,11 +128,10 @@ def simulate_observed_loop(
     Examples
     --------
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.observer import design_pi_observer, simulate_observed_loop
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> design = design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-5)
+    >>> design = dfc.design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-5)
     >>> controller = dfc.PositionController.from_bandwidth(axis, 20.0, 1e-3)
-    >>> run = simulate_observed_loop(axis, controller, design, [0.1] * 2000, quantum=1e-5)
+    >>> run = dfc.simulate_observed_loop(axis, controller, design, [0.1] * 2000, quantum=1e-5)
     >>> run.score.speed < 0.03
     True
     """
@@ -157,7 +143,7 @@ def simulate_observed_loop(
     r = samples("reference", reference)
     if bandwidth is not None:
         r = filter_reference(r, bandwidth, design.dt, x0)
-    plant = simulate_loop(axis, controller, r, quantum=quantum, x0=x0, v0=v0)
+    plant = loops.simulate_loop(axis, controller, r, quantum=quantum, x0=x0, v0=v0)
     estimate = runtime.observe(
         design, plant.y[4], plant.y[5], xhat0=xhat0, vhat0=vhat0, what0=what0,
         switching=switching, encoder_quantum=quantum,
@@ -179,27 +165,23 @@ def observed_loop(
 
     Parameters
     ----------
-    axis, controller, design
-        As in `simulate_observed_loop`.
-    bandwidth : float, optional
-        Corner of the low-pass on the reference [rad/s].
-    quantum, switching
+    axis, controller, design, bandwidth, quantum, switching
         As in `simulate_observed_loop`.
 
     Returns
     -------
     control.InterconnectedSystem
-        Input r; outputs x, v, F, mode, u, y of the plant, xref, and xhat,
-        vhat, Fhat, what, mode_hat of the observer.
+        Input r; outputs x, v, F, mode, u, y of the plant, xref, and xhat, vhat, Fhat, what,
+        mode_hat of the observer.
 
     Examples
     --------
     >>> import control as ct
     >>> import numpy as np
+    >>> import dryfric_control as dfc
     >>> from dryfric_control import presets
-    >>> from dryfric_control.observer import observed_loop
     >>> axis = presets.clutch_actuator()
-    >>> loop = observed_loop(axis, presets.clutch_controller(), presets.clutch_observer())
+    >>> loop = dfc.observed_loop(axis, presets.clutch_controller(), presets.clutch_observer())
     >>> start = np.zeros(loop.nstates)
     >>> start[loop.find_state("observer_xhat")] = 1000.0
     >>> run = ct.input_output_response(loop, np.arange(3) * 1e-3, 0.0, start)
@@ -234,7 +216,7 @@ def observed_loop(
 
 def check_loop(controller: LoopController, design: ObserverDesign) -> None:
     """Refuse what is no controller or no design, or two that do not fit."""
-    check_controller(controller)
+    loops.check_controller(controller)
     instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
     if controller.dt != design.dt:
         raise ValueError(

@@ -14,18 +14,16 @@ from dryfric_control.arrays import Floats, Ints
 from dryfric_control.checks import one_of, positive, sampling_time, whole
 from dryfric_control.model.axis import MODES, FrictionAxis
 from dryfric_control.model.friction import CoulombMap
-from dryfric_control.observer.certificate import Certificate, CertificateError, certify
-from dryfric_control.observer.error_model import (
-    DISCRETIZATIONS,
-    FORMS,
-    C,
-    ErrorModel,
-    axis_matrices,
-    check_detectable,
-    check_sampling,
-    error_models,
-    mode_classes,
+from dryfric_control.model.responses import check_mode
+from dryfric_control.observer import error_model
+from dryfric_control.observer.certificate import (
+    Certificate,
+    CertificateError,
+    Problem,
+    certify,
+    signed,
 )
+from dryfric_control.observer.error_model import DISCRETIZATIONS, FORMS, ErrorModel, mode_classes
 from dryfric_control.observer.memory import ModeGraph, allowed_pairs, dwell_graph, window_graph
 from dryfric_control.observer.synthesis import SOLVERS, Scales, certified_solution, scales_of
 from dryfric_control.observer.weights import default_weights, own_axis
@@ -91,10 +89,7 @@ class ObserverDesign(Result):
 
     @property
     def gains(self) -> dict[int, Floats]:
-        """Gains (L_x, L_v, G) of each mode once it has lasted.
-
-        With "paper" and "slack" these are all the gains there are.
-        """
+        """Gains (L_x, L_v, G) of each mode once it has lasted."""
         resting = self.graph.resting()
         return {mode: self.node_gains[resting[key]].copy() for mode, key in self.classes.items()}
 
@@ -105,11 +100,9 @@ class ObserverDesign(Result):
         return {name: gain.copy() for name, gain in pairs}
 
     def transition_table(self) -> Ints:
-        """Next memory state for each state and next mode.
-
-        Shape (nnodes, 3), column ``mode + 1``.  A step that `pairs` excludes leads to the state
-        in which the new mode has lasted; the certificate does not cover it.
-        """
+        """Next memory state for each state and next mode."""
+        # Shape (nnodes, 3), column mode + 1.  A step that `pairs` excludes leads to the state in
+        # which the new mode has lasted; the certificate does not cover it.
         following, resting = self.graph.next_nodes(), self.resting_nodes()
         return np.array(
             [
@@ -119,10 +112,7 @@ class ObserverDesign(Result):
         )
 
     def resting_nodes(self) -> Ints:
-        """Memory state of each mode once it has lasted.
-
-        Shape (3,), place ``mode + 1``.
-        """
+        """Memory state at place ``mode + 1`` once a mode has lasted."""
         resting = self.graph.resting()
         return np.array([resting[self.classes[mode]] for mode in (-1, 0, 1)])
 
@@ -136,16 +126,12 @@ class ObserverDesign(Result):
 
         Returns
         -------
-        A : ndarray, shape (2, 2)
-            State matrix.
-        B : ndarray, shape (2,)
-            Column of the known force u minus Fbar; zero while stuck, where
-            friction cancels it.
-        E : ndarray, shape (2,)
-            Column of the integral term.
+        A, B, E : ndarray, shape (2, 2), (2,) and (2,)
+            State matrix; column of the known force u minus Fbar, zero while stuck, where friction
+            cancels it; column of the integral term.
         """
-        _check_mode(mode)
-        A, force = axis_matrices(self.axis, mode, self.dt, self.discretization)
+        check_mode("mode", mode)
+        A, force = error_model.axis_matrices(self.axis, mode, self.dt, self.discretization)
         return A, force * (mode != 0), force * (mode in self.integral_modes)
 
     def error_dynamics(self, mode: int) -> control.StateSpace:
@@ -159,52 +145,32 @@ class ObserverDesign(Result):
         Returns
         -------
         control.StateSpace
-            Discrete; inputs `force` (nominal minus true friction [N]), `noise`
-            [m], `drift` [N per sample]; outputs `e_x`, `e_v` (true minus
-            estimated) and `e_w` = -w [N].  Estimated minus true friction is
-            `force` + `e_w`.
+            Discrete; inputs `force` (nominal minus true friction [N]), `noise` [m], `drift` [N per
+            sample]; outputs `e_x`, `e_v` (true minus estimated) and `e_w` = -w [N].  Estimated
+            minus true friction is `force` + `e_w`.
         """
-        _check_mode(mode)
-        uncertainty = dict.fromkeys(MODES, 1.0)
-        model = error_models(
-            self.axis, self.dt, uncertainty=uncertainty, noise=1.0, drift=1.0,
-            performance=(1.0, 1.0, 1.0), discretization=self.discretization,
-            integral_modes=self.integral_modes,
-        )[mode_classes(uncertainty)[mode]]  # fmt: skip
+        check_mode("mode", mode)
+        unit, ones = dict.fromkeys(MODES, 1.0), (1.0, 1.0, 1.0)
+        one = replace(
+            self, uncertainty=unit, noise=1.0, drift=1.0, performance=ones, form="prediction"
+        )
+        model = _models(one)[mode_classes(one.uncertainty)[mode]]
         gain, output, direct = self.gains[mode], np.eye(3), np.zeros((3, 3))
         if self.form == "current":
             # State: the error before the correction; what counts is the one after it.
-            output, direct[:, 1] = output - np.outer(gain, C), -gain
+            output, direct[:, 1] = output - np.outer(gain, error_model.C), -gain
             gain = model.A @ gain
         F, B = model.closed(gain)
-        return control.ss(
-            F,
-            B,
-            output,
-            direct,
-            self.dt,
-            inputs=["force", "noise", "drift"],
-            outputs=["e_x", "e_v", "e_w"],
-            name=f"observer_error_{mode:+d}",
-        )
+        names = {"inputs": ["force", "noise", "drift"], "outputs": ["e_x", "e_v", "e_w"]}
+        return control.ss(F, B, output, direct, self.dt, name=f"observer_error_{mode:+d}", **names)
 
     def check(self) -> Certificate:
-        """Recompute the certificate from the gains.
-
-        A CertificateError if an inequality does not hold with the gains as they are.
-        """
+        """Recompute the certificate from the gains, or refuse it."""
         scales = Scales(np.asarray(self.state_scale, dtype=float), self.output_scale)
-        return certify(
-            scales.apply(_models(self)),
-            self.graph,
-            self.classes,
-            scales.scaled_gains(self.node_gains),
-            self.gamma * self.output_scale,
-            self.decay,
-            self.lyapunov,
-            self.lyapunov_decay,
-            1.0 / self.output_scale,
-        )
+        problem = Problem(scales.apply(_models(self)), self.graph, self.decay)
+        gains, gamma = scales.scaled_gains(self.node_gains), self.gamma * self.output_scale
+        proofs, unit = (self.lyapunov, self.lyapunov_decay), 1.0 / self.output_scale
+        return certify(problem, self.classes, gains, gamma, *proofs, unit)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the design to a text file; `load_design` reads it back.
@@ -212,7 +178,6 @@ class ObserverDesign(Result):
         Parameters
         ----------
         path : str or path
-            Replaced as a whole or not at all.
         """
         # Its certificate is computed anew by who reads it.
         bare = replace(self, certificate=None)  # type: ignore[arg-type]
@@ -235,8 +200,7 @@ class ObserverDesign(Result):
             ("mode", "L_x", "L_v [1/s]", f"G [{force}/{length}]", "radius")
         ]
         for mode, (lx, lv, g) in self.gains.items():
-            name = f"{mode:+d}" if mode else "0"
-            rows.append((name, f"{lx:.6g}", f"{lv:.6g}", f"{g:.6g}", f"{radius[mode]:.5f}"))
+            rows.append((signed(mode), f"{lx:.6g}", f"{lv:.6g}", f"{g:.6g}", f"{radius[mode]:.5f}"))
         yield rows
         yield from self.certificate._shown()
 
@@ -246,15 +210,16 @@ SAVED = (ObserverDesign, ModeGraph)
 _WORDS = {"method": METHODS, "discretization": DISCRETIZATIONS, "form": FORMS}
 
 
-def _check_mode(mode: int) -> None:
-    if mode not in (0, 1, -1):
-        raise ValueError(f"mode must be 0, +1 or -1, got {mode!r}")
+#: Fields that determine the error dynamics, but for axis and sampling time.
+_GIVEN = (
+    *("uncertainty", "noise", "drift", "performance"),
+    *("discretization", "integral_modes", "form"),
+)
 
 
 def _models(design: ObserverDesign) -> dict[int, ErrorModel]:
-    names = ("uncertainty", "noise", "drift", "performance", "discretization", "integral_modes")
-    given: dict[str, Any] = {name: getattr(design, name) for name in (*names, "form")}
-    return error_models(design.axis, design.dt, **given)
+    given: dict[str, Any] = {name: getattr(design, name) for name in _GIVEN}
+    return error_model.error_models(design.axis, design.dt, **given)
 
 
 def design_pi_observer(
@@ -287,10 +252,9 @@ def design_pi_observer(
     dt : float
         Sampling time [s]; one of 0.1 s or more raises a warning.
     method : str
-        "paper" (Theorem 1, corrected), "slack" (a slack matrix per mode, never
-        worse), "path" (everything indexed by the last `window` modes) or
-        "dwell" (indexed by how long the present and the previous mode have
-        lasted, sliding counted up to `window` samples).
+        "paper" (Theorem 1, corrected), "slack" (a slack matrix per mode, never worse), "path"
+        (everything indexed by the last `window` modes) or "dwell" (indexed by how long the present
+        and the previous mode have lasted, sliding counted up to `window` samples).
     uncertainty : float or mapping of int to float, optional
         Amplitude of the force uncertainty [N], or one for each mode.
     noise : float, optional
@@ -298,8 +262,7 @@ def design_pi_observer(
     drift : float, optional
         Change of the friction error per sample [N].
     decay : float, optional
-        Factor by which an initial error must at least shrink per sample; 1
-        asks for no rate.
+        Factor by which an initial error must at least shrink per sample; 1 asks for no rate.
     performance : (float, float, float), optional
         Weights of the errors of position, velocity and friction in z.
     encoder_quantum : float, optional
@@ -309,11 +272,9 @@ def design_pi_observer(
     pairs : iterable of (int, int), optional
         Allowed changes of mode.  Default: all.
     discretization : str
-        "zoh", exact for held input at any sampling time, or "euler", the
-        paper's.
+        "zoh", exact for held input at any sampling time, or "euler", the paper's.
     form : str
-        "current": the estimate at a sample uses its reading; or "prediction",
-        the paper's, which is a sample behind.
+        "current": the estimate at a sample uses its reading; or "prediction", the paper's.
     coulomb : CoulombMap or float, optional
         The observer's own Coulomb levels.  Default: those of `axis`.
     stick_speed : float, optional
@@ -321,34 +282,19 @@ def design_pi_observer(
     integral_modes : iterable of int
         Modes in which the integral term acts on the velocity estimate.
     refine : int
-        Rounds of improvement after the first solution; each costs another
-        solution and never raises gamma.  Not for "paper".
+        Further solutions, none of which raises gamma.  Not for "paper".
     solver : str
         "clarabel", or "scs" (slower, less accurate).
 
-    Raises
-    ------
-    ValueError
-        If a mode is not detectable, or the specifications cannot be met.
-
     Notes
     -----
-    Effects of the axis enter what the observer knows: those on a base
-    parameter its matrices; forces and friction levels the known term, at the
-    measured position and its own velocity, time at rest and time since its first
-    sample; gain, dead zone, saturation, delay and lag the known drive.  The
-    slope of a force over position or velocity is not part of the certificate.
-    An ObserverWarning names effects that it leaves out: presliding, backlash, compliance.
+    A ValueError says so if a mode is not detectable, or the specifications cannot be met.  The
+    page on the observer says which effects it knows, and how defaults follow from Coulomb level
+    and encoder; an ObserverWarning names effects that it leaves out.
 
-    Defaults (`dryfric_control.observer.weights`): the uncertainty is a fifth of
-    the Coulomb level; the noise is four times the quantization error
-    quantum / sqrt(12), kept in the range in which the observer is neither deadbeat nor blind;
-    drift, decay and performance follow from the bandwidth these two fix.  No
-    default depends on units.
-
-    gamma bounds the energy of z by that of all disturbances stacked, each
-    divided by its amplitude, for every allowed sequence of modes; modes that
-    the observer decides differently from the plant are not covered.
+    gamma bounds the energy of z by that of all disturbances stacked, each divided by its
+    amplitude, for every allowed sequence of modes; modes that the observer decides differently
+    from the plant are not covered.
 
     Examples
     --------
@@ -376,44 +322,39 @@ def design_pi_observer(
     one_of("form", form, FORMS)
     own = own_axis(axis, coulomb, stick_speed)
     dt = sampling_time(dt)
-    check_sampling(own, dt, discretization)
+    error_model.check_sampling(own, dt, discretization)
     if not isinstance(integral_modes, Iterable):
         raise ValueError(f"integral_modes must hold modes such as (1, -1), got {integral_modes!r}")
     modes = tuple(integral_modes)
     for mode in modes:
-        _check_mode(mode)
+        check_mode("mode", mode)
     weights = default_weights(
         own, dt, uncertainty=uncertainty, noise=noise, drift=drift, decay=decay,
         performance=performance, encoder_quantum=encoder_quantum,
     )  # fmt: skip
-    given: dict[str, Any] = {
-        "uncertainty": weights.uncertainty, "noise": weights.noise, "drift": weights.drift,
-        "performance": weights.performance, "discretization": discretization,
-        "integral_modes": modes, "form": form,
-    }  # fmt: skip
-    models = error_models(own, dt, **given)
+    given: dict[str, Any] = {name: getattr(weights, name) for name in _GIVEN[:4]}
+    given |= {"discretization": discretization, "integral_modes": modes, "form": form}
+    models = error_model.error_models(own, dt, **given)
     classes = mode_classes(weights.uncertainty)
     scales = scales_of(models, weights)
-    check_detectable(models, scales.state, weights.decay)
+    error_model.check_detectable(models, scales.state, weights.decay)
     allowed = allowed_pairs(classes, pairs)
     graph = (dwell_graph if method == "dwell" else window_graph)(allowed, int(window))
-    scaled = scales.apply(models)
+    problem = Problem(scales.apply(models), graph, weights.decay)
     candidate, gamma = certified_solution(
-        scaled, graph, weights.decay, paper=method == "paper", refine=refine, solver=solver
+        problem, paper=method == "paper", refine=refine, solver=solver
     )
     gains = scales.physical_gains(candidate.gains)
-    certificate = certify(
-        scaled, graph, classes, scales.scaled_gains(gains), gamma, weights.decay,
-        candidate.lyapunov, candidate.lyapunov_decay, 1.0 / scales.output,
-    )  # fmt: skip
+    proofs = candidate.lyapunov, candidate.lyapunov_decay
+    own_gains, unit = scales.scaled_gains(gains), 1.0 / scales.output
+    certificate = certify(problem, classes, own_gains, gamma, *proofs, unit)
+    quantum = np.sqrt(12.0) * weights.noise if encoder_quantum is None else encoder_quantum
     return ObserverDesign(
         axis=own,
-        dt=float(dt),
+        dt=dt,
         method=method,
         window=int(window),
-        encoder_quantum=float(
-            np.sqrt(12.0) * weights.noise if encoder_quantum is None else encoder_quantum
-        ),
+        encoder_quantum=float(quantum),
         decay=weights.decay,
         graph=graph,
         node_gains=gains,
@@ -435,11 +376,7 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
     path : str or path
         File written by `ObserverDesign.save`.
 
-    Returns
-    -------
-    ObserverDesign
-        Its certificate is computed anew from the gains; a ValueError if they fail it, or the file
-        is damaged or newer than this package.
+        A ValueError if its gains fail the certificate, which is computed anew, or it is damaged.
 
     Examples
     --------
@@ -453,8 +390,7 @@ def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
     >>> bool((again.node_gains == design.node_gains).all())
     True
     """
-    found: ObserverDesign = load_object(path, KIND, SAVED, checked, CertificateError)
-    return found
+    return load_object(path, KIND, SAVED, checked, CertificateError)
 
 
 def checked(design: ObserverDesign) -> ObserverDesign:
@@ -469,8 +405,8 @@ def checked(design: ObserverDesign) -> ObserverDesign:
         if label not in after or following.setdefault(label, after) != after:
             raise ValueError(f"graph.edges: changes of mode are missing after node {node}")
     square = (nodes, 3, 3)
-    shapes = {"node_gains": (nodes, 3), "state_scale": (3,), "lyapunov": square,
-              "lyapunov_decay": square}  # fmt: skip
+    shapes = {"node_gains": (nodes, 3), "state_scale": (3,)}
+    shapes |= {"lyapunov": square, "lyapunov_decay": square}
     for name, shape in shapes.items():
         array = getattr(design, name)
         if array.shape != shape or array.dtype.kind != "f" or not np.all(np.isfinite(array)):
@@ -485,7 +421,7 @@ def checked(design: ObserverDesign) -> ObserverDesign:
         one_of("integral_modes", mode, MODES)
     if set(graph.labels) != set(mode_classes(design.uncertainty).values()):
         raise ValueError(f"graph.labels do not fit the classes of the modes: {graph.labels!r}")
-    check_sampling(design.axis, design.dt, design.discretization)
+    error_model.check_sampling(design.axis, design.dt, design.discretization)
     default_weights(
         design.axis, design.dt, uncertainty=design.uncertainty, noise=design.noise,
         drift=design.drift, decay=design.decay, performance=design.performance,

@@ -1,23 +1,8 @@
-"""Error dynamics of the switched PI observer, mode by mode.
+"""Error dynamics of the switched PI observer, mode by mode, in both forms of the theory page.
 
-The error of one mode, with e = (x - xhat, v - vhat, b - w), is::
-
-    e+ = (A - L C) e + (W - L D) d        z = Z e
-
-in the prediction form, whose estimate at a sample uses the readings before it.  In
-the current form, which corrects the estimate by the reading of its own sample, e is
-the error after that correction, M the gain of the mode that holds then, and ::
-
-    e+ = (I - M C) (A e + W d) - M D d+      z = Z e
-
-The reading noise being an entry of d of its own, the date on it does not matter: this
-is the prediction form with C A for C and C W + D for D, and with the gain of the mode
-to come.
-
-Here b is the friction error in force units (believed friction minus true
-friction), w the integral term that estimates it, and d the disturbances: force
-uncertainty, measurement noise and drift of the friction error, each present
-only if its amplitude is not zero.
+The error is e = (x - xhat, v - vhat, b - w), with the friction error b (nominal minus true) and the
+integral term w that estimates it.  Disturbances are force uncertainty, measurement noise and drift
+of the friction error, each present only if its amplitude is not zero.
 """
 
 from __future__ import annotations
@@ -86,25 +71,21 @@ def axis_matrices(axis: Any, mode: int, dt: float, discretization: str) -> tuple
     an integral term without effect could not be observed.
     """
     sliding, force = mode_matrices(axis.viscous / axis.mass, 1.0 / axis.mass, dt, discretization)
-    if mode == 0:
-        return mode_matrices(axis.stick_rate, 1.0 / axis.mass, dt, discretization)[0], force
-    return sliding, force
+    stuck, _ = mode_matrices(axis.stick_rate, 1.0 / axis.mass, dt, discretization)
+    return sliding if mode else stuck, force
 
 
 def check_sampling(axis: Any, dt: float, discretization: str) -> None:
     """Refuse a sampling time with which a mode is not stable."""
     one_of("discretization", discretization, DISCRETIZATIONS)
     positive("dt", dt, unit="s")
-    if discretization == "euler":
-        for name, rate in (
-            ("stick_rate", axis.stick_rate),
-            ("viscous / mass", axis.viscous / axis.mass),
-        ):
-            if dt * rate >= 2.0:
-                raise ValueError(
-                    f"dt * {name} = {dt * rate:.6g} must be below 2 with Euler's rule: lower dt "
-                    f"(below {2.0 / rate:.3g} s), lower {name}, or use discretization='zoh'"
-                )
+    rates = {"stick_rate": axis.stick_rate, "viscous / mass": axis.viscous / axis.mass}
+    for name, rate in rates.items():
+        if discretization == "euler" and dt * rate >= 2.0:
+            raise ValueError(
+                f"dt * {name} = {dt * rate:.6g} must be below 2 with Euler's rule: lower dt "
+                f"(below {2.0 / rate:.3g} s), lower {name}, or use discretization='zoh'"
+            )
 
 
 def mode_classes(uncertainty: Mapping[int, float]) -> dict[int, int]:
@@ -131,21 +112,14 @@ def error_models(
     for mode, key in mode_classes(uncertainty).items():
         if key in models:
             continue
-        A2, force = axis_matrices(axis, mode, dt, discretization)
-        A = np.eye(3)
-        A[:2, :2] = A2
-        A[:2, 2] = force if mode in integral else 0.0
-        columns, measured = [], []
-        if any(uncertainty.values()):
-            columns.append([*(uncertainty[mode] * force), 0.0])
-            measured.append(0.0)
-        if noise:
-            columns.append([0.0, 0.0, 0.0])
-            measured.append(noise)
-        if drift:
-            columns.append([0.0, 0.0, drift])
-            measured.append(0.0)
-        model = ErrorModel(A, np.array(columns).T, np.array(measured), weights)
+        A, force = np.eye(3), np.zeros(3)
+        A[:2, :2], force[:2] = axis_matrices(axis, mode, dt, discretization)
+        A[:2, 2] = force[:2] if mode in integral else 0.0
+        # Columns of force, noise and drift, those that there are.
+        acting = [any(uncertainty.values()), noise != 0.0, drift != 0.0]
+        W = np.column_stack([uncertainty[mode] * force, np.zeros(3), [0.0, 0.0, drift]])
+        D = np.array([0.0, noise, 0.0])
+        model = ErrorModel(A, W[:, acting], D[acting], weights)
         models[key] = model.corrected() if form == "current" else model
     return models
 

@@ -83,20 +83,14 @@ def draw_coulomb_maps(
     x = np.linspace(low, high, 201)
     for s in (1, -1):
         level = s * plant.coulomb(x, s)
-        one.fill_between(
-            x,
-            level,
-            s * plant.breakaway(x, s),
-            color="0.9",
-            linewidth=0,
-            label="up to breakaway" if s > 0 else None,
-        )
-        one.plot(x, level, "k", label="system" if s > 0 else None)
-        one.plot(x, s * own.coulomb(x, s), "C0--", label="observer" if s > 0 else None)
+        names = ("up to breakaway", "system", "observer") if s > 0 else (None,) * 3
+        top = s * plant.breakaway(x, s)
+        one.fill_between(x, level, top, color="0.9", linewidth=0, label=names[0])
+        one.plot(x, level, "k", label=names[1])
+        one.plot(x, s * own.coulomb(x, s), "C0--", label=names[2])
     one.axhline(0.0, color="0.7", linewidth=0.8)
     length, force = plant.units
-    one.set_xlabel(f"position [{length}]")
-    one.set_ylabel(f"friction [{force}]")
+    one.set(xlabel=f"position [{length}]", ylabel=f"friction [{force}]")
     one.margins(x=0.0)
     drawing.legend_above(one)
     drawing.title_above(one, f"{plant.name}: friction over the travel" if title is None else title)

@@ -1,8 +1,4 @@
-"""The hybrid cell filter: three Gaussians, one a mode, and the reading as a cell.
-
-Block, whole-record run and stepper are faces of the compiled sample in
-`dryfric_control.compiled.hybrid_filter` and agree to round-off.
-"""
+"""The hybrid cell filter: three Gaussians, one a mode, and the reading as a cell."""
 
 from __future__ import annotations
 
@@ -92,29 +88,23 @@ class HybridFilter:
         >>> bool(np.mean(estimate.mode != plant.mode) < 0.02)
         True
         """
-        time, drive, reading = drive_and_reading("filter", self, u, y)
-        out = np.empty((drive.size, kernel.OUTPUTS))
-        kernel.run(*self.tables, np.zeros(self.memory_size), drive, reading, out)
-        title = f"{self.axis.name}: hybrid filter"
-        return HybridResponse(time, out, drive, reading, self.axis.units, title)
+        time, inputs = drive_and_reading("filter", self, u, y)
+        out = np.empty((time.size, kernel.OUTPUTS))
+        kernel.run(*self.tables, np.zeros(self.memory_size), *inputs, out)
+        return HybridResponse(
+            time, out, inputs, self.axis.units, f"{self.axis.name}: hybrid filter"
+        )
 
     def block(self, name: str = "observer") -> ct.NonlinearIOSystem:
-        """The filter as a sampled block: inputs u, y; outputs xhat, vhat, Fhat, what, mode.
+        """The filter as a sampled block: inputs u, y; outputs xhat, vhat, Fhat, what, mode."""
 
-        Only Fhat depends on u of the same sample, and only at rest, where friction is the drive.
-        """
-        tables, size = self.tables, self.memory_size
+        def step(t: float, memory: Floats, u: Any) -> Floats:
+            out = np.empty(kernel.OUTPUTS)
+            kernel.step(*self.tables, memory, t, u[0], u[1], out)
+            return out[:5]
 
-        def sample(t: float, x: Any, u: Any) -> tuple[Floats, Floats]:
-            memory, out = np.array(x, dtype=float), np.empty(kernel.OUTPUTS)
-            kernel.step(*tables, memory, t, u[0], u[1], out)
-            return memory, out
-
-        states = ["xhat", "vhat", "what", "mode", *(f"m{k}" for k in range(4, size))]
-        return Block.of(
-            lambda t, x, u: sample(t, x, u)[0], lambda t, x, u: sample(t, x, u)[1][:5],
-            "u y", " ".join(OUTPUTS), states, self.dt, name,
-        )  # fmt: skip
+        states = ["xhat", "vhat", "what", "mode", *(f"m{k}" for k in range(4, self.memory_size))]
+        return Block.stepped(step, "u y", " ".join(OUTPUTS), states, self.dt, name)
 
     def stepper(self) -> HybridStepper:
         """The filter sample by sample, for a loop of your own."""
@@ -164,43 +154,24 @@ def hybrid_filter(
     encoder_quantum : float, optional
         Increment of the position sensor [m].
     excess : float, optional
-        Spread of the friction above the model at low velocity, as a part of
-        the Coulomb level.
+        Spread of the friction above the model at low velocity, as a part of the Coulomb level.
     excess_speed : float, optional
-        Velocity over which that excess changes [m/s].  Default: the Stribeck
-        speed, or eleven times the stick velocity without one.
+        Velocity over which that excess changes [m/s].  Default: the Stribeck velocity, or eleven
+        times the stick velocity without one.
     level_walk : float, optional
         Change of the Coulomb level in 1 s, standard deviation, as a part of it.
     force_noise : float, optional
-        Random force, standard deviation of its mean over 1 ms, as a part of the
-        Coulomb level.
+        Random force, standard deviation of its mean over 1 ms, as a part of the Coulomb level.
     mass_error : float, optional
         Relative uncertainty of the mass, standard deviation.
 
     Notes
     -----
-    Each mode i (stuck, sliding in either direction) has a probability and a
-    Gaussian of (x, v, c_plus, c_minus, e, r): position, velocity, relative error
-    of the Coulomb level in either direction, excess over it, relative error of
-    1 / mass.  While sliding in direction s, over one sample with the drive held ::
-
-        m v' = (1 + r) (W - s F_s(x, v) (1 + c_s + e)) - f v
-
-    The excess is forgotten with the distance in velocity, exp(-abs(dv) / excess_speed).
-    The part of a sliding density that crosses v = 0 (truncated moments) goes to
-    rest, or to the other direction if W exceeds the breakaway force there.  At
-    rest the chance to break away rises where W nears the force at which the axis
-    broke away before; the motion then starts with friction equal to W.  A reading
-    y says that the position lies in y -+ quantum / 2 (truncated normal); noise
-    beyond that is seen from innovations that are too large and white, and
-    followed.  Densities that arrive in one mode are merged by their moments.
-    What a cell or zero velocity has cut from a density is cut only once, although the
-    Gaussian that represents the rest has tails again.  A reading several cells away from an
-    axis at rest that no mode explains starts a motion of unknown velocity.
-
-    Effects of the axis act, or are left out, as in `design_pi_observer`.  The levels are learned
-    while sliding alone; creeping below an increment in many samples is taken
-    for rest.
+    Each mode (stuck, sliding in either direction) has a probability and a Gaussian of position,
+    velocity, relative error of the Coulomb level in either direction, excess over it and relative
+    error of 1 / mass; a reading is an interval of one increment.  The theory page has the
+    equations.  Effects act, or are left out, as in `design_pi_observer`.  The levels are learned
+    while sliding alone; creeping below an increment in many samples is taken for rest.
 
     Examples
     --------
@@ -257,15 +228,5 @@ def hybrid_filter(
     }.items():
         numbers[place] = number
     numbers.setflags(write=False)
-    arrays = own.arrays(dt)
-    return HybridFilter(
-        own,
-        dt,
-        quantum,
-        excess,
-        excess_speed,
-        level_walk,
-        force_noise,
-        mass_error,
-        Tables(numbers, arrays.numbers, arrays.integers),
-    )
+    given = dt, quantum, excess, excess_speed, level_walk, force_noise, mass_error
+    return HybridFilter(own, *given, Tables(numbers, *own.arrays(dt)[:2]))

@@ -1,10 +1,8 @@
 """What the observer remembers of past modes, as a graph.
 
-A node is a memory state; its label is the present mode class.  When the next
-mode arrives the observer moves along an edge.  Gains and Lyapunov matrices are
-indexed by node, so a richer graph is a better observer and a tighter
-certificate.  All graphs here are deterministic: a node and the next mode fix
-the next node.
+A node is a memory state; its label is the present mode class.  When the next mode arrives the
+observer moves along an edge, which a node and the next mode fix.  Gains and Lyapunov matrices are
+indexed by node.
 """
 
 from __future__ import annotations
@@ -61,19 +59,12 @@ def allowed_pairs(
 def window_graph(pairs: set[tuple[int, int]], length: int) -> ModeGraph:
     """Memory of the last `length` modes, the present one included."""
     keys = sorted({a for a, _ in pairs})
-    words = [
-        word
-        for word in itertools.product(keys, repeat=length)
-        if all(step in pairs for step in itertools.pairwise(word))
-    ]
+    every = itertools.product(keys, repeat=length)
+    words = [word for word in every if pairs.issuperset(itertools.pairwise(word))]
     index = {word: k for k, word in enumerate(words)}
-    edges = [
-        (index[word], index[(*word, key)[1:]])
-        for word in words
-        for key in keys
-        if (word[-1], key) in pairs
-    ]
-    names = tuple(",".join(str(key) for key in word) for word in words)
+    following = itertools.product(words, keys)
+    edges = [(index[w], index[(*w, key)[1:]]) for w, key in following if (w[-1], key) in pairs]
+    names = tuple(",".join(map(str, word)) for word in words)
     return ModeGraph(tuple(word[-1] for word in words), tuple(edges), names)
 
 
@@ -85,11 +76,10 @@ def dwell_graph(pairs: set[tuple[int, int]], longest: int) -> ModeGraph:
     keys = sorted({a for a, _ in pairs})
     present = {key: min(longest, PRESENT_STICK) if key == STICK else longest for key in keys}
     previous = {key: min(longest, PREVIOUS_STICK) if key == STICK else longest for key in keys}
+    into = sorted((key, before) for before, key in pairs if key != before)
     nodes = [
         (key, age, before, length)
-        for key in keys
-        for before in keys
-        if before != key and (before, key) in pairs
+        for key, before in into
         for age in range(1, present[key] + 1)
         for length in range(1, previous[before] + 1)
     ]
@@ -98,13 +88,9 @@ def dwell_graph(pairs: set[tuple[int, int]], longest: int) -> ModeGraph:
     nodes += [(k, a, k, 0) for k in keys if k not in entered for a in range(1, present[k] + 1)]
     index = {node: k for k, node in enumerate(nodes)}
     edges = []
-    for node, k in index.items():
-        key, age, before, length = node
+    for (key, age, before, length), k in index.items():
         edges.append((k, index[key, min(age + 1, present[key]), before, length]))
-        edges += [
-            (k, index[other, 1, key, min(age, previous[key])])
-            for other in keys
-            if other != key and (key, other) in pairs
-        ]
+        lasted = min(age, previous[key])
+        edges += [(k, index[other, 1, key, lasted]) for other, left in into if left == key]
     names = tuple(f"{key} for {age} after {before} for {n}" for key, age, before, n in nodes)
     return ModeGraph(tuple(node[0] for node in nodes), tuple(edges), names)

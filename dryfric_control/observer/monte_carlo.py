@@ -43,7 +43,7 @@ class Mismatch:
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Mismatch:
         """Uniform: levels 20 % off, mass 15 %, excess up to 60 %, stick velocities 0.3 to 1."""
-        low, high = zip((0.8, 1.2), (0.8, 1.2), (0.85, 1.15), (0.0, 0.6), (0.3, 1.0), strict=True)
+        low, high = (0.8, 0.8, 0.85, 0.0, 0.3), (1.2, 1.2, 1.15, 0.6, 1.0)
         return cls(*rng.uniform(low, high).tolist())
 
     def plant(
@@ -94,22 +94,16 @@ class MonteCarlo(Result):
     @property
     def diverged(self) -> dict[str, int]:
         """Runs of each estimator whose position error is not below `limit`."""
-        return {
-            name: int(np.count_nonzero(~(table[:, 0] < self.limit)))
-            for name, table in self.scores.items()
-        }
+        return {name: int((~(one[:, 0] < self.limit)).sum()) for name, one in self.scores.items()}
 
     def quantiles(self, levels: Sequence[float] = (0.5, 0.9, 0.95, 1.0)) -> dict[str, Floats]:
         """Quantiles of each figure's magnitude, shape (nlevels, 5), by estimator."""
-        return {
-            name: np.quantile(np.abs(table), levels, axis=0) for name, table in self.scores.items()
-        }
+        return {name: np.quantile(np.abs(one), levels, 0) for name, one in self.scores.items()}
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         yield f"{len(self.mismatches)} random mismatches: median / 95 % / largest"
-        rows: list[tuple[str, ...]] = [
-            ("", f"position [{self.unit}]", "velocity [%]", "friction [%]", "bias [%]", "mode [%]")
-        ]
+        heads = "velocity [%]", "friction [%]", "bias [%]", "mode [%]"
+        rows: list[tuple[str, ...]] = [("", f"position [{self.unit}]", *heads)]
         for name, table in self.quantiles((0.5, 0.95, 1.0)).items():
             scaled = (table * [1.0, 100.0, 100.0, 100.0, 100.0]).T
             rows.append((name, *(" / ".join(f"{value:.3g}" for value in one) for one in scaled)))
@@ -159,26 +153,6 @@ def _minor_label(value: float, place: int) -> str:
     return f"{value:g}" if f"{value:.0e}"[0] in "235" else ""
 
 
-def _scores(
-    design: ObserverDesign,
-    axis: FrictionAxis,
-    stribeck_speed: float | None,
-    controller: LoopController,
-    reference: MotionProfile | Floats,
-    quantum: float,
-    estimators: Mapping[str, Estimator],
-    xhat0: float,
-    mismatch: Mismatch,
-) -> list[tuple[float, ...]]:
-    plant = mismatch.plant(design, axis, stribeck_speed)
-    run = simulate_loop(plant, controller, reference, quantum=quantum)
-    u, y = np.ascontiguousarray(run.y[4]), np.ascontiguousarray(run.y[5])
-    return [
-        astuple(score_estimate(plant, controller.dt, run.y, estimator.estimate(u, y, xhat0=xhat0)))
-        for estimator in estimators.values()
-    ]
-
-
 def monte_carlo(
     design: ObserverDesign,
     controller: LoopController,
@@ -204,7 +178,7 @@ def monte_carlo(
     ----------
     design : ObserverDesign
     controller : PositionController or CompensatedController
-        The controller, or that of a compensation, the same for all plants.
+        The controller, the same for all plants.
     reference : MotionProfile or array_like, shape (n,)
         Reference motion, or its positions, already filtered [m].
     axis : FrictionAxis, optional
@@ -213,21 +187,18 @@ def monte_carlo(
     quantum : float, optional
         Encoder increment [m].  Default: that of the design.
     stribeck_speed : float, optional
-        Stribeck velocity of the plants [m/s].  Default: that of `axis`; without one the plants
-        have no Stribeck peak.
+        Stribeck velocity of the plants [m/s].  Default: that of `axis`; without one, no peak.
     runs : int, optional
     xhat0 : float, optional
-        Start of the estimates [m].  Default: that of the plants, which are at rest where a
-        `MotionProfile` starts, and at 0 if the reference is one of positions.
+        Start of the estimates [m].  Default: that of the plants, as of `simulate_loop`.
     estimators : mapping of str to Estimator, optional
         What is compared.  Default: both rules of the switched observer.
     seed : int, optional
     store : path-like, optional
-        File that keeps each finished run, see `run_batch`.  It serves any `runs`
-        and `seed`; anything else must be as it was.
+        File that keeps each finished run, see `run_batch`, for any `runs` and `seed`.
     jobs : int, optional
-        Runs at the same time, -1 for one on each core; a second one pays only for
-        thousands of runs.  Default: what `joblib.parallel_config` says, else one.
+        Runs at the same time, -1 for one on each core.  Default: what `joblib.parallel_config`
+        says, else one.
     progress : bool, optional
 
     Returns
@@ -265,13 +236,11 @@ def monte_carlo(
         raise ValueError(
             f"estimators must be a mapping of names to at least one estimator, got {estimators!r}"
         )
-    for name, one in (estimators or {}).items():
+    both = (SwitchedEstimator(design, rule, quantum) for rule in ("reading", "paper"))
+    compared = estimators or {one.switching: one for one in both}
+    for name, one in compared.items():
         if not callable(getattr(one, "estimate", None)):
             raise ValueError(f"estimators[{name!r}] must have a method estimate, got {one!r}")
-    if estimators is None:
-        estimators = {
-            rule: SwitchedEstimator(design, rule, quantum) for rule in ("reading", "paper")
-        }
     rng = np.random.default_rng(seed)
     mismatches = tuple(Mismatch.draw(rng) for _ in range(runs))
     settings: dict[str, Any] = {}
@@ -279,32 +248,22 @@ def monte_carlo(
         # A certificate follows from the rest of a design, but for its rounding: one that
         # is loaded recomputes it.
         told = functools.partial(fingerprint, without=(Certificate,))
-        settings = {
-            "task": "monte_carlo",
-            "version": __version__,
-            "design": told(design),
-            "controller": told(controller),
-            "axis": told(axis),
-            "reference": told(r),
-            "quantum": quantum,
-            "stribeck_speed": stribeck_speed,
-            "xhat0": xhat0,
-            "estimators": {name: told(one) for name, one in estimators.items()},
-        }
-    found = run_batch(
-        functools.partial(
-            _scores, design, axis, stribeck_speed, controller, r, quantum, estimators, xhat0
-        ),
-        {astuple(one): one for one in mismatches},
-        store=store,
-        settings=settings,
-        jobs=jobs,
-        progress=progress,
-    )
-    table = np.array([found[astuple(one)] for one in mismatches])
-    return MonteCarlo(
-        mismatches,
-        {name: table[:, k] for k, name in enumerate(estimators)},
-        design.axis.units[0],
-        max(abs(xhat0 - start), 100.0 * quantum) or np.inf,
-    )
+        parts = {"design": design, "controller": controller, "axis": axis, "reference": r}
+        settings = {"task": "monte_carlo", "version": __version__}
+        settings |= {name: told(one) for name, one in parts.items()}
+        settings |= {"quantum": quantum, "stribeck_speed": stribeck_speed, "xhat0": xhat0}
+        settings["estimators"] = {name: told(one) for name, one in compared.items()}
+
+    def scores(mismatch: Mismatch) -> list[tuple[float, ...]]:
+        plant = mismatch.plant(design, axis, stribeck_speed)
+        run = simulate_loop(plant, controller, r, quantum=quantum)
+        u, y = np.ascontiguousarray(run.y[4]), np.ascontiguousarray(run.y[5])
+        rows = [one.estimate(u, y, xhat0=xhat0) for one in compared.values()]
+        return [astuple(score_estimate(plant, controller.dt, run.y, one)) for one in rows]
+
+    tasks = {astuple(one): one for one in mismatches}
+    found = run_batch(scores, tasks, store=store, settings=settings, jobs=jobs, progress=progress)
+    table = np.array([found[one] for one in tasks])
+    by_name = {name: table[:, k] for k, name in enumerate(compared)}
+    limit = max(abs(xhat0 - start), 100.0 * quantum) or np.inf
+    return MonteCarlo(mismatches, by_name, design.axis.units[0], limit)

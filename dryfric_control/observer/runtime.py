@@ -1,8 +1,4 @@
-"""The switched PI observer at work: block, whole-record run, stepper.
-
-All three are faces of the compiled sample in `dryfric_control.compiled.observer`
-and agree to round-off.
-"""
+"""The switched PI observer at work: block, whole-record run, stepper of one compiled sample."""
 
 from __future__ import annotations
 
@@ -60,38 +56,21 @@ def tables(
     """Arrays of a design for the compiled observer."""
     instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
     one_of("switching", switching, SWITCHING)
-    if encoder_quantum is None:
+    axis, quantum = design.axis, encoder_quantum
+    if quantum is None:
         quantum = design.encoder_quantum
-    else:
-        quantum = positive(
-            "encoder_quantum", encoder_quantum, unit=design.axis.unit("m"), zero=True
-        )
-    axis = design.axis
-    slowest = design.certificate.spectral_radius[1]
-    numbers = np.array(
-        [
-            design.dt,
-            axis.stick_speed,
-            _INCREMENTS * quantum + axis.stick_speed / axis.stick_rate,
-            slowest ** (1.0 / _LEARNING),
-            SWITCHING[switching],
-            float(design.form == "current"),
-        ]
-    )
+    quantum = positive("encoder_quantum", quantum, unit=axis.unit("m"), zero=True)
+    resolution = _INCREMENTS * quantum + axis.stick_speed / axis.stick_rate
+    keep = design.certificate.spectral_radius[1] ** (1.0 / _LEARNING)
+    rule, current = SWITCHING[switching], design.form == "current"
+    numbers = np.array([design.dt, axis.stick_speed, resolution, keep, rule, current], dtype=float)
     matrices = np.empty((3, 6))
     for mode in (-1, 0, 1):
         A, B, E = design.mode_matrices(mode)
         matrices[mode + 1] = A[0, 1], A[1, 1], *B, *E
-    transitions = np.vstack([design.transition_table(), design.resting_nodes()])
-    arrays = axis.arrays(design.dt)
-    return Tables(
-        numbers,
-        matrices,
-        np.ascontiguousarray(design.node_gains, dtype=float),
-        np.ascontiguousarray(transitions, dtype=np.int64),
-        arrays.numbers,
-        arrays.integers,
-    )
+    gains = np.ascontiguousarray(design.node_gains, dtype=float)
+    transitions = np.vstack([design.transition_table(), design.resting_nodes()]).astype(np.int64)
+    return Tables(numbers, matrices, gains, transitions, *axis.arrays(design.dt)[:2])
 
 
 def first_memory(
@@ -110,25 +89,11 @@ class ObserverResponse(Response):
     """A `control.TimeResponseData` with outputs xhat, vhat, Fhat, what, mode, and states."""
 
     def __init__(
-        self,
-        time: Floats,
-        outputs: Floats,
-        u: Floats,
-        y: Floats,
-        units: tuple[str, str],
-        title: str,
+        self, time: Floats, outputs: Floats, inputs: Floats, units: tuple[str, str], title: str
     ) -> None:
-        super().__init__(
-            time,
-            outputs,
-            outputs[[0, 1, 3]],
-            np.vstack([u, y]),
-            units,
-            output_labels=list(OUTPUTS),
-            state_labels=["xhat", "vhat", "what"],
-            input_labels=["u", "y"],
-            title=title,
-        )
+        labels = {"output_labels": list(OUTPUTS), "input_labels": ["u", "y"]}
+        labels["state_labels"] = ["xhat", "vhat", "what"]
+        super().__init__(time, outputs, outputs[[0, 1, 3]], inputs, units, title=title, **labels)
 
     @drawing.panels(3)
     def plot(self, axes: Any) -> str:
@@ -167,8 +132,8 @@ def observe(
     ----------
     design : ObserverDesign
     u : array_like, shape (n,), or Record
-        Drive force at the samples [N]; a record brings `y` with it, and its step and units are
-        held against those of the design.
+        Drive force at the samples [N]; a record, whose step and units must be those of the design,
+        brings `y` with it.
     y : array_like, shape (n,), optional
         Measured position at the samples [m].
     xhat0 : float, optional
@@ -181,36 +146,31 @@ def observe(
     Returns
     -------
     ObserverResponse
-        Outputs xhat, vhat, Fhat, what, mode, each of shape (n,).  Position
-        and velocity at a sample use its own reading in the current form of a design, and the
-        samples before it alone in the prediction form.
+        Outputs xhat, vhat, Fhat, what, mode, each of shape (n,).
 
     Examples
     --------
     >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.observer import design_pi_observer, observe
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> design = design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-5)
+    >>> design = dfc.design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-5)
     >>> u = 12.0 * np.sin(np.arange(4000) * 3e-3)
     >>> plant = axis.simulate(u, dt=1e-3)
-    >>> estimate = observe(design, u, plant.y[0], encoder_quantum=1e-5)
+    >>> estimate = dfc.observe(design, u, plant.y[0], encoder_quantum=1e-5)
     >>> bool(np.mean(estimate.mode != plant.mode) < 0.02)
     True
     """
-    instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
-    time, drive, reading = drive_and_reading("design", design, u, y)
     arrays = tables(design, switching, encoder_quantum)
-    memory = first_memory(design, reading[0] if xhat0 is None else xhat0, vhat0, what0)
-    out = np.empty((drive.size, kernel.OUTPUTS))
-    kernel.run(*arrays, memory, drive, reading, out)
+    time, inputs = drive_and_reading("design", design, u, y)
+    memory = first_memory(design, inputs[1, 0] if xhat0 is None else xhat0, vhat0, what0)
+    out = np.empty((time.size, kernel.OUTPUTS))
+    kernel.run(*arrays, memory, *inputs, out)
     title = f"{design.axis.name}: switched PI observer"
-    rows = np.ascontiguousarray(out.T)
-    return ObserverResponse(time, rows, drive, reading, design.axis.units, title)
+    return ObserverResponse(time, np.ascontiguousarray(out.T), inputs, design.axis.units, title)
 
 
-def drive_and_reading(name: str, made: Any, u: Any, y: Any) -> tuple[Floats, Floats, Floats]:
-    """Time, drive and reading, of arrays or a record, for an estimator with an axis and a step."""
+def drive_and_reading(name: str, made: Any, u: Any, y: Any) -> tuple[Floats, Floats]:
+    """Time, and drive and reading, of arrays or a record, for an estimator with axis and step."""
     start = 0.0
     if hasattr(u, "units") and hasattr(u, "dt"):  # a record; no room imports both
         if y is not None:
@@ -230,7 +190,7 @@ def drive_and_reading(name: str, made: Any, u: Any, y: Any) -> tuple[Floats, Flo
             f"u has {drive.size} samples and y {reading.size}: give one of each at every sample"
         )
     check_drive_and_reading(made.axis, made.dt, drive, reading)
-    return np.asarray(start + np.arange(drive.size) * made.dt, dtype=float), drive, reading
+    return start + np.arange(drive.size) * made.dt, np.vstack([drive, reading])
 
 
 def pi_observer(
@@ -249,82 +209,49 @@ def pi_observer(
     switching : {"reading", "paper", "filippov"}, optional
         Rule of the mode, see Notes.
     encoder_quantum : float, optional
-        Increment of the position sensor [m], by which "reading" detects motion
-        from a toggling last digit.  Default: the design's.
+        Increment of the position sensor [m], by which "reading" detects motion.  Default: the
+        design's.
     name : str, optional
 
     Returns
     -------
     control.NonlinearIOSystem
-        Inputs u, y; outputs xhat, vhat, Fhat, what, mode.  The first three
-        states are xhat, vhat, what; the others start at zero.  `observe` is far faster.
+        Inputs u, y; outputs xhat, vhat, Fhat, what, mode.  The first three states are xhat, vhat,
+        what; the others start at zero.  `observe` is far faster.
 
     Notes
     -----
-    With W the net force without friction (u, and the effects that act as a
-    force, at the measured position), i the mode, Fbar the observer's own
-    Coulomb friction without a Stribeck peak, and the matrices of the design ::
+    With W the net force without friction (u, and the effects that act as a force, at the measured
+    position), i the mode, Fbar the observer's own Coulomb friction without a Stribeck peak, and
+    the matrices of the design ::
 
         Xhat+ = A_i Xhat + B_i (W - Fbar_i(y)) + E_i w + L_i (y - C Xhat)     (7)
         w+    = w + G_i (y - C Xhat)
         Fhat  = Fbar_i(y) - w  when sliding,   W  when stuck;   B_0 = 0
 
-    ``switching="paper"`` decides the mode by the printed automaton: stuck until W
-    leaves [-Fbar_minus, Fbar_plus]; stuck again when abs(vhat) <= Sigma and W lies
-    in it.  An axis that breaks away above the level in the observer's model (a
-    Stribeck peak that the model lacks suffices) is taken to move while it rests, and
-    one integral for all modes carries the friction error of sliding into the
-    stuck mode, where it is none.
-
-    ``switching="filippov"`` is that automaton with the completion of
-    `FrictionAxis`: a velocity estimate through zero reverses the mode only if W
-    pushes that way.  It ends the chatter between +1 and -1 of the printed rule,
-    not the error that an axis at rest is taken to move.
-
-    ``switching="reading"``, the default, lets the measurement decide:
-
-    - Stuck, the observer holds the mean reading y_0 since the axis came to rest.
-      Motion in direction s begins when ``s (y - y_0) > d``, with d one and a
-      half increments plus the distance Sigma / p that a remaining velocity covers; half
-      of d is enough once s W exceeds the sliding level, for then nothing but
-      additional friction can hold the axis.
-    - Sliding, rest begins when ``s vhat <= Sigma``; if W pushes the other way
-      beyond the level there, only once the velocity estimate has passed zero.
-    - Each mode has an integral of its own.  It is zero when the axis comes to
-      rest, and starts at minus the learned friction error d_s when motion
-      begins, d_s being a slow mean of -s w while sliding that way; the levels
-      above are Fbar_s + d_s.  In the error dynamics that the design certifies,
-      the friction error and w then jump together, and their difference, which
-      is the state, does not.
-
-    Neither rule can distinguish creeping below an increment per few samples from rest.
+    ``switching="reading"``, the default, lets the measurement decide the mode, "paper" the printed
+    automaton, "filippov" the same completed as in `FrictionAxis`; the page on the observer has the
+    rules.  None can distinguish creeping below an increment per few samples from rest.
 
     Examples
     --------
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.observer import design_pi_observer, pi_observer
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> block = pi_observer(design_pi_observer(axis, dt=1e-3))
+    >>> block = dfc.pi_observer(dfc.design_pi_observer(axis, dt=1e-3))
     >>> block.input_labels, block.output_labels
     (['u', 'y'], ['xhat', 'vhat', 'Fhat', 'what', 'mode'])
     """
     arrays = tables(design, switching, encoder_quantum)
     length = first_memory(design).size
 
-    def update(t: float, x: Any, u: Any) -> Floats:
-        memory = np.array(x, dtype=float)
+    def step(t: float, memory: Floats, u: Any) -> Floats:
         out = np.empty(kernel.OUTPUTS)
         kernel.step(*arrays, memory, t, u[0], u[1], out)
-        return memory
-
-    def output(t: float, x: Any, u: Any) -> Floats:
-        memory = np.array(x, dtype=float)
-        friction = kernel.decide(*arrays, memory, t, u[0], u[1])
-        return np.array([memory[0], memory[1], friction, memory[2], memory[kernel.MODE]])
+        return out
 
     states = ["xhat", "vhat", "what", "mode", "memory", "rest", "error_minus", "error_plus"]
     states += ["place", "count", "lagged", *(f"u{k}" for k in range(length - kernel.LINE))]
-    return Block.of(update, output, "u y", " ".join(OUTPUTS), states, design.dt, name)
+    return Block.stepped(step, "u y", " ".join(OUTPUTS), states, design.dt, name)
 
 
 class Stepper:
@@ -367,9 +294,8 @@ class ObserverStepper(Stepper):
     Examples
     --------
     >>> import dryfric_control as dfc
-    >>> from dryfric_control.observer import ObserverStepper, design_pi_observer
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> observer = ObserverStepper(design_pi_observer(axis, dt=1e-3), encoder_quantum=1e-5)
+    >>> observer = dfc.ObserverStepper(dfc.design_pi_observer(axis, dt=1e-3), encoder_quantum=1e-5)
     >>> observer.step(u=5.0, y=0.0)
     Estimate(x=0.0, v=0.0, F=5.0, w=0.0, mode=0)
     """

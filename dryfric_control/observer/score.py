@@ -36,14 +36,12 @@ class EstimateScore:
 
     def summary(self, unit: str = "m") -> str:
         """The five figures in words."""
-        return "\n".join(
-            [
-                f"position     at most {self.position:.3g} {unit} off after {SETTLED_POSITION:g} s",
-                f"velocity     {100 * self.speed:.2f} % of its RMS after {SETTLED:g} s",
-                f"friction     {100 * self.friction:.2f} % of the Coulomb level in slip "
-                f"(bias {100 * self.friction_bias:+.2f} %)",
-                f"mode         {100 * self.commutation:.2f} % of the samples in another mode",
-            ]
+        return (
+            f"position     at most {self.position:.3g} {unit} off after {SETTLED_POSITION:g} s\n"
+            f"velocity     {100 * self.speed:.2f} % of its RMS after {SETTLED:g} s\n"
+            f"friction     {100 * self.friction:.2f} % of the Coulomb level in slip "
+            f"(bias {100 * self.friction_bias:+.2f} %)\n"
+            f"mode         {100 * self.commutation:.2f} % of the samples in another mode"
         )
 
 

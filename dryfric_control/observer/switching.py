@@ -1,8 +1,7 @@
 """Gain from below: how bad can switching get?
 
-Two recursions on the largest reachable error share one compiled step.  With a
-design's own gains it bounds the true gain of that design along a sequence of
-modes; with the best gain at every sample it bounds what any observer can do.
+Recursions on the largest reachable error: with a design's own gains for the true gain of that
+design along a sequence of modes; with the best gain at every sample for that of any observer.
 """
 
 from __future__ import annotations
@@ -127,17 +126,20 @@ def _gain_along(game, word, low, high, width, longest):  # type: ignore[no-untyp
     return low
 
 
+def _game(
+    at: list[ErrorModel], moved: list[tuple[Floats, Floats]], noise: list[float], best: int
+) -> _Game:
+    """Recursion with an error model, and how it moves error and disturbances, for each place."""
+    F, N = np.array([f for f, _ in moved]), np.array([g @ g.T for _, g in moved])
+    return _Game(F, N, np.array([model.Z for model in at]), np.array(noise), best)
+
+
 def _best_game(models: Mapping[int, ErrorModel]) -> tuple[list[int], _Game]:
     """Names of the places, and the recursion with the best gain."""
     keys = sorted(models)
     at = [models[key] for key in keys]
-    return keys, _Game(
-        np.array([model.A for model in at]),
-        np.array([model.W @ model.W.T for model in at]),
-        np.array([model.Z for model in at]),
-        np.array([model.noise for model in at]),
-        2 if at[0].current else 1,
-    )
+    moved = [(model.A, model.W) for model in at]
+    return keys, _game(at, moved, [model.noise for model in at], 2 if at[0].current else 1)
 
 
 def best_gain(models: Mapping[int, ErrorModel], word: tuple[int, ...]) -> float:
@@ -166,14 +168,13 @@ def _words(graph: ModeGraph) -> Iterator[tuple[int, ...]]:
     pairs = {(graph.labels[i], graph.labels[j]) for i, j in graph.edges}
     for key in keys:
         yield (key,)
-    for first in keys:
-        for second in keys:
-            if first < second and {(first, second), (second, first)} <= pairs:
-                for short in (1, 2, 3, 5):
-                    for long in (1, 2, 4, 8, 12, 16, 24, 32, 48):
-                        yield (first,) * short + (second,) * long
-                        if short < long:
-                            yield (first,) * long + (second,) * short
+    lengths = list(itertools.product((1, 2, 3, 5), (1, 2, 4, 8, 12, 16, 24, 32, 48)))
+    for first, second in itertools.combinations(keys, 2):
+        if {(first, second), (second, first)} <= pairs:
+            for short, long in lengths:
+                yield (first,) * short + (second,) * long
+                if short < long:
+                    yield (first,) * long + (second,) * short
 
 
 def runs_of(word: tuple[int, ...]) -> list[tuple[int, int]]:
@@ -184,14 +185,11 @@ def runs_of(word: tuple[int, ...]) -> list[tuple[int, int]]:
 def _neighbours(word: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
     """Words with one run a little longer or shorter, or doubled up."""
     runs = runs_of(word)
-    for k, (_key, length) in enumerate(runs):
+    for k, (key, length) in enumerate(runs):
         for change in (-4, -2, -1, 1, 2, 4):
             if length + change > 0:
-                yield tuple(
-                    key
-                    for n, (key, count) in enumerate(runs)
-                    for _ in range(count + (change if n == k else 0))
-                )
+                changed = [*runs[:k], (key, length + change), *runs[k + 1 :]]
+                yield tuple(mode for mode, count in changed for _ in range(count))
 
 
 def path_of(graph: ModeGraph, word: tuple[int, ...]) -> list[int] | None:
@@ -257,13 +255,7 @@ def worst_switching(
     closed = [
         model.closed(gains[model.node(i, j)]) for model, (i, j) in zip(at, graph.edges, strict=True)
     ]
-    game = _Game(
-        np.array([f for f, _ in closed]),
-        np.array([g @ g.T for _, g in closed]),
-        np.array([model.Z for model in at]),
-        np.zeros(len(closed)),
-        0,
-    )
+    game = _game(at, closed, [0.0] * len(closed), 0)
 
     def places(word: tuple[int, ...]) -> list[int] | None:
         path = path_of(graph, word)

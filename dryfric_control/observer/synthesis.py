@@ -1,33 +1,18 @@
-"""Gains of the switched PI observer by linear matrix inequalities.
+"""Gains of the switched PI observer by the linear matrix inequalities of the theory page.
 
-For every allowed step from memory node i to node j, with F = A - L C and
-G = W - L D of node i, the design asks for P > 0, Q > 0 such that::
-
-    |e+|^2_Pj - |e|^2_Pi + |z|^2 - gamma^2 |d|^2 < 0        (gain)
-    |e+|^2_Qj - alpha^2 |e|^2_Qi < 0   for d = 0            (decay)
-
-Each is written with a slack matrix, which makes it linear in the unknowns
-(Daafouz, Riedinger and Iung, IEEE Trans. Automatic Control 47(11), 2002)::
-
-    [ -P_i + Z'Z       0         A'S - C'V   ]
-    [     *       -gamma^2 I     W'S - D'V   ]  < 0,       L' = V S^-1
-    [     *            *       P_j - S - S'  ]
-
-Theorem 1 of the paper is the case S = P_i (with L = P^-1 V'; the printed
-V' P^-1 has wrong dimensions) and one Lyapunov matrix for both conditions.
-
-In SI units at 1 kHz the solver reports success with a gamma many times too
-large: gamma^2 lies below its absolute tolerance and the states differ by
-orders of magnitude.  So every error is measured in the amount by which the
-disturbances alone move it, and z in units of the gain no observer can beat,
-which makes the optimal gamma a number a little above 1 whatever the units.
+Each allowed step from memory node i to node j asks for P > 0, Q > 0 with
+|e+|^2_Pj - |e|^2_Pi + |z|^2 - gamma^2 |d|^2 < 0 and, for d = 0, |e+|^2_Qj < alpha^2 |e|^2_Qi,
+written with slack matrices (Daafouz, Riedinger and Iung, IEEE Trans. Automatic Control 47(11),
+2002).  Every error is measured in the amount by which the disturbances alone move it, and z in
+units of the gain no observer can beat: gamma is then a number a little above 1.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,14 +20,9 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from dryfric_control.arrays import Floats
-from dryfric_control.observer.certificate import (
-    CertificateError,
-    check_blocks,
-    evaluate_blocks,
-    proved_gain,
-)
+from dryfric_control.observer import certificate
+from dryfric_control.observer.certificate import CertificateError, Problem
 from dryfric_control.observer.error_model import ErrorModel
-from dryfric_control.observer.memory import ModeGraph
 from dryfric_control.observer.switching import best_gain
 from dryfric_control.observer.weights import Weights
 from dryfric_control.text import see
@@ -187,9 +167,7 @@ def _minimise(
 
 
 def solve_lmi(
-    models: Mapping[int, ErrorModel],
-    graph: ModeGraph,
-    decay: float,
+    problem: Problem,
     *,
     paper: bool = False,
     around: Candidate | None = None,
@@ -197,6 +175,7 @@ def solve_lmi(
     margin: float = 1e-8,
 ) -> Candidate:
     """Solve the design inequalities once."""
+    models, graph, decay = problem.models, problem.graph, problem.decay
     nodes = len(graph.labels)
     with_decay = decay < 1.0
     separate = with_decay and not paper
@@ -204,6 +183,7 @@ def solve_lmi(
     slack_at = 0 if paper else (12 if separate else 6)
     gain_at = 6 if paper else slack_at + 9
     size = gain_at + 3
+    acts = np.arange(slack_at, gain_at + 3)  # slack and gain stand side by side
     blocks: list[_Inequality] = []
     identity = np.eye(3)
     level = 1.0
@@ -226,14 +206,8 @@ def solve_lmi(
     def index(i: int, j: int, name: str) -> NDArray[np.intp]:
         here, there = i * size, j * size
         acting = models[graph.labels[i]].node(i, j) * size
-        return np.concatenate(
-            [
-                here + offsets[name] + np.arange(6),
-                acting + np.arange(slack_at, slack_at + (6 if paper else 9)),
-                acting + np.arange(gain_at, gain_at + 3),
-                there + offsets[name] + np.arange(6),
-            ]
-        )
+        own = offsets[name] + np.arange(6)
+        return np.concatenate([here + own, acting + acts, there + own])
 
     for i in range(nodes):
         for start in sorted(set(offsets.values())):
@@ -261,23 +235,17 @@ def solve_lmi(
 
 
 def certified_solution(
-    models: Mapping[int, ErrorModel],
-    graph: ModeGraph,
-    decay: float,
-    *,
-    paper: bool = False,
-    refine: int = 0,
-    solver: str = "clarabel",
+    problem: Problem, *, paper: bool = False, refine: int = 0, solver: str = "clarabel"
 ) -> tuple[Candidate, float]:
     """Solve until the gains that come out prove what they promise."""
     best: tuple[Candidate, float] | None = None
     for _ in range(refine + 1):
         around = best[0] if best else None
         try:
-            found = _proved(models, graph, decay, paper, around, solver)
+            found = _proved(problem, paper, around, solver)
         except (CertificateError, InfeasibleError) as failure:
             if best is None:
-                raise ValueError(_advice(models, graph, decay, paper, solver)) from failure
+                raise ValueError(_advice(problem, paper, solver)) from failure
             break
         if best is not None and found[1] >= best[1]:
             break
@@ -287,22 +255,17 @@ def certified_solution(
 
 
 def _proved(
-    models: Mapping[int, ErrorModel], graph: ModeGraph, decay: float, paper: bool,
-    around: Candidate | None, solver: str,
-) -> tuple[Candidate, float]:  # fmt: skip
+    problem: Problem, paper: bool, around: Candidate | None, solver: str
+) -> tuple[Candidate, float]:
     """A solution and the gain it proves, at the smallest strictness with which it does."""
     failure: CertificateError
     for margin in MARGINS if solver == "clarabel" else MARGINS[2:]:
-        found = solve_lmi(
-            models, graph, decay, paper=paper, around=around, solver=solver, margin=margin
-        )
+        found = solve_lmi(problem, paper=paper, around=around, solver=solver, margin=margin)
+        gains, proofs = found.gains, (found.lyapunov, found.lyapunov_decay)
         try:
-            gamma = proved_gain(models, graph, found.gains, found.lyapunov)
-            check_blocks(
-                evaluate_blocks(
-                    models, graph, found.gains, gamma, decay, found.lyapunov, found.lyapunov_decay
-                )
-            )
+            gamma = certificate.proved_gain(problem, gains, found.lyapunov)
+            blocks = certificate.evaluate_blocks(problem, gains, gamma, *proofs)
+            certificate.check_blocks(blocks)
         except CertificateError as error:
             failure = error
         else:
@@ -310,22 +273,18 @@ def _proved(
     raise failure
 
 
-def _advice(
-    models: Mapping[int, ErrorModel], graph: ModeGraph, decay: float, paper: bool, solver: str
-) -> str:
+def _advice(problem: Problem, paper: bool, solver: str) -> str:
     """Which specification stands in the way."""
-    if decay < 1.0:
-        try:
-            certified_solution(models, graph, 1.0, paper=paper, solver=solver)
-        except ValueError:
-            pass
-        else:
+    decay = problem.decay
+    mend = "or use more memory (method='path' or 'dwell')" + see("observer")
+    with suppress(ValueError):
+        if decay < 1.0:
+            certified_solution(replace(problem, decay=1.0), paper=paper, solver=solver)
             return (
                 f"decay = {decay:.6g} per sample cannot be certified for every allowed switching; "
-                "relax decay towards 1, or use more memory (method='path' or 'dwell')"
-                + see("observer")
+                f"relax decay towards 1, {mend}"
             )
     return (
         "no gain can be certified for the allowed changes of mode; forbid some by pairs, lower "
-        "stick_rate, or use more memory (method='path' or 'dwell')" + see("observer")
+        f"stick_rate, {mend}"
     )

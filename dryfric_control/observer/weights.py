@@ -1,9 +1,7 @@
 """Model and specifications of the observer, and defaults that suit any axis.
 
-Everything follows from two amplitudes, the uncertain force d and the
-measurement noise n.  Their dimensionless ratio dt^2 d / (m n) is the square of
-the natural frequency of the observer, in radians per sample: how far the
-uncertain force moves the mass within one sample, measured in noise.
+Everything follows from two amplitudes, the uncertain force d and the measurement noise n.  Their
+dimensionless ratio dt^2 d / (m n) is the square of the observer's natural frequency [rad/sample].
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.checks import finite, increment, instance, positive, warn
-from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.axis import MODES, FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 
 #: What acts through states that the observer does not have, or on what it reads.
@@ -97,14 +95,11 @@ def _uncertainty(axis: Any, value: float | Mapping[int, float] | None) -> dict[i
                 "amplitude of the unknown force"
             )
         value = UNCERTAIN_FRACTION * level
-    if isinstance(value, Mapping):
-        if set(value) != {0, 1, -1}:
-            raise ValueError(f"uncertainty must name the modes 0, 1 and -1, got {sorted(value)!r}")
-        return {
-            mode: positive(f"uncertainty[{mode}]", value[mode], unit="N", zero=True)
-            for mode in (0, 1, -1)
-        }
-    return dict.fromkeys((0, 1, -1), positive("uncertainty", value, unit="N", zero=True))
+    if not isinstance(value, Mapping):
+        return dict.fromkeys(MODES, positive("uncertainty", value, unit="N", zero=True))
+    if set(value) != set(MODES):
+        raise ValueError(f"uncertainty must name the modes 0, 1 and -1, got {sorted(value)!r}")
+    return {m: positive(f"uncertainty[{m}]", value[m], unit="N", zero=True) for m in MODES}
 
 
 def default_weights(
@@ -137,18 +132,16 @@ def default_weights(
             "uncertainty is zero in every mode: an observer of an exactly known axis need not "
             "look at the measurement; give a small force instead"
         )
-    step = dt * kick * d
+    step, bandwidth = dt * kick * d, BANDWIDTH
     if noise is not None:
         noise = positive("noise", noise, unit=axis.unit("m"), zero=True)
         bandwidth = FASTEST if noise == 0.0 else math.sqrt(step / noise)
         bandwidth = min(max(bandwidth, 1e-4), 1.0)
-    elif encoder_quantum is not None:
-        quantum = increment(encoder_quantum, axis.unit("m"))
-        bandwidth = QUANTIZED * math.sqrt(step * math.sqrt(12.0) / quantum)
-        bandwidth = min(max(bandwidth, SLOWEST), FASTEST)
-        noise = step / bandwidth**2
     else:
-        bandwidth = BANDWIDTH
+        if encoder_quantum is not None:
+            quantum = increment(encoder_quantum, axis.unit("m"))
+            bandwidth = QUANTIZED * math.sqrt(step * math.sqrt(12.0) / quantum)
+            bandwidth = min(max(bandwidth, SLOWEST), FASTEST)
         noise = step / bandwidth**2
     if drift is None:
         drift = DRIFT_FRACTION * bandwidth * d
@@ -160,13 +153,11 @@ def default_weights(
     if performance is None:
         q_x, q_v, q_w = PERFORMANCE
         performance = (q_x * bandwidth / dt, q_v, q_w * kick / bandwidth)
-    if not isinstance(performance, Iterable):
-        raise ValueError(
-            f"performance must hold three weights (q_x, q_v, q_w), got {performance!r}"
-        )
-    weights = tuple(positive(f"performance[{k}]", q, zero=True) for k, q in enumerate(performance))
+    given = tuple(performance) if isinstance(performance, Iterable) else ()
+    weights = tuple(positive(f"performance[{k}]", q, zero=True) for k, q in enumerate(given))
     if len(weights) != 3 or not any(weights):
         raise ValueError(
-            f"performance must hold three weights (q_x, q_v, q_w), not all zero, got {weights!r}"
+            "performance must hold three weights (q_x, q_v, q_w), not all zero, got "
+            f"{performance!r}"
         )
     return Weights(dt, kick, amplitudes, noise, drift, decay, weights, bandwidth)

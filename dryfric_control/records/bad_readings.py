@@ -211,11 +211,8 @@ def held_for(x: Floats, quantum: float) -> tuple[int, int]:
     gaps = np.diff(changes)
     count = int(np.median(gaps)) if gaps.size >= _CHANGES else 1
     usual = np.abs(gaps - count) <= max(1, count // 4)
-    if (
-        count < 2
-        or np.mean(usual) < _ON_CLOCK
-        or np.median(np.abs(steps[changes - 1])) <= _STEP * quantum
-    ):
+    regular = count > 1 and np.mean(usual) >= _ON_CLOCK
+    if not regular or np.median(np.abs(steps[changes - 1])) <= _STEP * quantum:
         return 1, 0
     return count, int(np.bincount(changes % count).argmax())
 

@@ -11,14 +11,12 @@ from dryfric_control.records.bad_readings import FILLED, REASONS, held_for
 from dryfric_control.records.motion import ONE_VELOCITY, Record, directions, reversals, usual_speeds
 from dryfric_control.text import Result, documented, length_text, stated
 
-# What a record must have to say something: shortest rest [s] and [samples], parts of the
-# samples that slide, part of them that slide either way, encoder steps of travel, travel over
-# noise, part of the readings masked.
+# What a record must have: shortest rest [s] and [samples], parts of the samples that slide, part of
+# them either way, encoder steps of travel, travel over noise, part of the readings masked.
 _REST, _REST_SAMPLES = 0.05, 5
 _SLIDING, _EITHER_WAY = 0.1, 0.02
 _STEPS, _OVER_NOISE, _MASKED = 200, 100.0, 0.01
-# Work taken out of the machine, as a part of all that passed, which no
-# measurement error makes.
+# Work taken out of the machine, as a part of all that passed, which no measurement error makes.
 _TAKEN = 0.2
 
 

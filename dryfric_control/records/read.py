@@ -48,32 +48,29 @@ def read_record(
         .npy, .jsonl (an object a line), .xlsx and .parquet (need pandas), .mcap (needs the extra
         ``mcap``), or arrays by name, where a path is a file with this channel alone.
     columns : mapping, optional
-        Heading or index for any of ``t``, ``u``, ``x``, ``reference`` and the known
-        channels ``v`` (velocity), ``a`` (acceleration), ``x2`` (second encoder), ``good`` (0 where
-        x may not be used); None for none: ``u`` is then 0, ``x`` the integral of ``v``. The rest
-        is recognised by usual names; without headings, three or four columns are t, u, x,
-        reference in this order. In the EMPS benchmark layout (``t``, ``qm``, ``qg``,
-        ``vir``, ``gtau``) u is gtau * vir.
+        Heading or index for any of ``t``, ``u``, ``x``, ``reference`` and the known channels ``v``
+        (velocity), ``a`` (acceleration), ``x2`` (second encoder), ``good`` (0 where x may not be
+        used); None for none: ``u`` is then 0, ``x`` the integral of ``v``. The rest is recognised
+        by usual names; without headings, three or four columns are t, u, x, reference. In the EMPS
+        benchmark layout (``t``, ``qm``, ``qg``, ``vir``, ``gtau``) u is gtau * vir.
     gain : float, mapping or Scaling
-        Factor on ``u``, such as N per V; factors by channel, such as
-        ``{"u": 35.0, "x": 1e-6}``; or a `Scaling`: counts per turn, gear ratio, torque constant,
-        rated force. A factor converts the number in the file, and a unit in the heading then only
-        labels it (-1 turns the sign and keeps the unit).
+        Factor on ``u``, such as N per V; factors by channel, such as ``{"u": 35.0, "x": 1e-6}``; or
+        the numbers of the machine. A factor converts the number in the file, and a unit in the
+        heading then only labels it (-1 turns the sign and keeps the unit).
     units : mapping, optional
-        Units by channel, where the headings (``x [mm]``, ``time (ms)``, ``u / N``) do
-        not state them: as stored, of a channel with a gain after it.
+        Units by channel, where the headings (``x [mm]``, ``time (ms)``, ``u / N``) do not state
+        them: as stored, of a channel with a gain after it.
     name : str, optional
         Title; the file's name when left out.
     dt : float, optional
-        Resample irregular time stamps to this step [s], see
-        `Record.from_irregular`; without a column of time, the sampling step. Rows that were lost,
-        repeat a stamp or lack a number are bridged and masked.
+        Resample irregular time stamps to this step [s], see `Record.from_irregular`; without a
+        column of time, the step. Rows lost, with a stamp twice or without a number are masked.
     rate : float, optional
         Samples per second of a source without a column of time.
     max_gap : float, optional
-        Longest step that `dt` may fill [s], see `Record.from_irregular`.
+        Longest step that `dt` may fill [s].
     unwrap : float, optional
-        Encoder period [unit of x], see `Record`.
+        Encoder period [unit of x].
     max_rows : int
         Longer sources are refused.
     joint : str or int, optional
@@ -119,15 +116,9 @@ def read_record(
     extras = {role: values.pop(role) for role in EXTRAS if role in values}
     if values["x"] is None and "x" not in (columns or {}):
         warn(f"{found.name or 'the source'} has no position: it is the integral of the velocity")
-    options: dict[str, Any] = {
-        "units": found.units,
-        "name": found.name if name is None else name,
-        "notes": found.notes,
-        "quantum": found.quantum,
-        "unwrap": unwrap,
-        "channels": extras,
-        "raw": found.raw,
-    }
+    kept = ("units", "notes", "quantum", "raw")
+    options: dict[str, Any] = {field: getattr(found, field) for field in kept}
+    options |= {"name": found.name if name is None else name, "unwrap": unwrap, "channels": extras}
     if good is not None or found.masked is not None:
         options["good"] = np.ones(np.size(values["t"]), bool) if good is None else good != 0
     try:
@@ -158,7 +149,7 @@ def load_record(path: str | os.PathLike[str]) -> Record:
     Parameters
     ----------
     path : path-like
-        A file of another kind or version, or changed since, raises a ValueError.
+        A file of another kind or version, or that was changed, is refused.
 
     Examples
     --------

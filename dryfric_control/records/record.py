@@ -18,18 +18,17 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from dryfric_control import drawing
 from dryfric_control.arrays import Bools, Floats
-from dryfric_control.checks import file_path, finite, instance, positive, string
+from dryfric_control.checks import finite, instance, positive, string, whole
 from dryfric_control.records import bad_readings
 from dryfric_control.records import record_checks as checks
 from dryfric_control.records.bad_readings import NONE, Masked
-from dryfric_control.records.comparison import Comparison, compared
 from dryfric_control.records.data_check import RecordCheck, assumed_units, check_record, factors
 from dryfric_control.records.motion import directions
 from dryfric_control.records.readers.channels import EXTRAS, ROLES
 from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
 from dryfric_control.records.record_warning import RecordWarning, warn
 from dryfric_control.records.resolution import ROUNDING, Resolution
-from dryfric_control.store.files import replacing
+from dryfric_control.store.files import file_path, replacing
 from dryfric_control.store.saved import save_object
 from dryfric_control.text import table
 from dryfric_control.ties import samples
@@ -54,8 +53,7 @@ class Derivatives(NamedTuple):
 class Record:
     """Measured run of one axis, uniformly sampled.
 
-    The arrays are copied to float64 and made read-only; the arguments are
-    left as they were.
+    The arrays are copied to float64 and made read-only.
 
     Parameters
     ----------
@@ -77,39 +75,33 @@ class Record:
     quantum : float, optional
         Encoder quantum [unit of x]; 0 for none; estimated when left out.
     unwrap : float, optional
-        Period of an encoder that wraps around [unit of x]; jumps of more
-        than half of it are undone.
+        Period of an encoder that wraps around [unit of x]; jumps of over half of it are undone.
     channels : mapping, optional
-        Measured velocity ``"v"``, acceleration ``"a"`` and position of a second
-        encoder ``"x2"``, each shape (n,); kept and cut with the rest, see `compare`.
+        Measured velocity ``"v"``, acceleration ``"a"`` and position of a second encoder ``"x2"``,
+        each shape (n,); kept and cut with the rest, see `compare`.
     raw : mapping, optional
-        Unit in which a channel was stored and the factor that made it what it is, such
-        as ``{"x": ("counts", 1e-6)}``.
+        Unit in which a channel was stored and its factor, such as ``{"x": ("counts", 1e-6)}``.
     good : array_like of bool, shape (n,), optional
-        Readings of ``x`` that may be used.  Default: all but single jumps, and
-        repetitions of the reading before while the axis moves.
+        Readings of ``x`` that may be used.  Default: all but jumps, and repetitions in motion.
 
     Attributes
     ----------
     dt : float
         Sampling step [s].
     masked : Masked
-        Readings that are not used: ``indices``, ``reasons`` and ``readings``, what was
-        recorded.  In ``x`` a smooth path bridges them.
+        Readings that are not used: ``indices``, ``reasons`` and ``readings``; ``x`` bridges them.
 
     Warns
     -----
     RecordWarning
-        When the time looks like milliseconds or microseconds, the input
-        clipped, the position jumps, or readings are masked.
+        Of a time that is not in seconds, a clipped input, jumps, or readings that are masked.
 
     Notes
     -----
-    An estimated quantum is the largest step of which at least 98 % of the differences between
-    positions are whole multiples (within a tenth).
+    An estimated quantum is the largest step of which 98 % of the differences of positions are whole
+    multiples (within a tenth).
 
-    A velocity from the difference ``x[k+1] - x[k-1]`` sees the mean of ``u[k-1]`` and
-    ``u[k]``, not ``u[k]``.
+    A velocity from ``x[k+1] - x[k-1]`` sees the mean of ``u[k-1]`` and ``u[k]``, not ``u[k]``.
 
     Examples
     --------
@@ -172,8 +164,7 @@ class Record:
         checks.check_motion(found["u"], found["x"], seen or None)
         if quantum is not None and quantum > (span := np.ptp(found["x"])):
             raise ValueError(
-                f"quantum = {quantum:g} is larger than the range of x, {span:.6g}: give it in the "
-                "unit of x"
+                f"quantum = {quantum:g} exceeds the range, {span:.6g}: give it in the unit of x"
             )
         checks.warn_if_suspect(found["t"], dt, found["u"])
         name = None if name is None else checks.plain_text(name)
@@ -258,9 +249,7 @@ class Record:
     def noise(self) -> float:
         """Standard deviation of the fast position noise [unit of x].
 
-        From the median size of fourth differences, which motion hardly
-        reaches while it is slow against the sampling; at least
-        quantum / sqrt(12).
+        From the median size of fourth differences; at least quantum / sqrt(12).
         """
         return checks.spread_of(self.x, self.quantum or 0.0)
 
@@ -309,22 +298,18 @@ class Record:
     def smoothing_window(self) -> int:
         """Default window of `derivatives` [samples].
 
-        The shortest at which the noise leaves at most 5 % of the large
-        accelerations (their 95th percentile), 101 at most.
+        The shortest at which noise is at most 5 % of the large accelerations, 101 at most.
         """
-        if len(self) < 2 * _WINDOWS[0]:
-            return _WINDOWS[0]
         middle = max(0, len(self) // 2 - 500_000)
         x = self.x[middle : middle + 1_000_000]
-        best = _WINDOWS[0]
-        for best in _WINDOWS:
-            if best > len(x) // 5:
+        for size in _WINDOWS:
+            if size > len(x) // 5:
                 break
-            left = self.noise * float(np.linalg.norm(savgol_coeffs(best, 3, 2, self.dt)))
-            a = np.abs(savgol_filter(x, best, 3, 2, self.dt))
+            left = self.noise * float(np.linalg.norm(savgol_coeffs(size, 3, 2, self.dt)))
+            a = np.abs(savgol_filter(x, size, 3, 2, self.dt))
             if left <= 0.05 * float(np.quantile(a, 0.95)):
                 break
-        return min(best, (len(self) - 1) | 1)
+        return max(_WINDOWS[0], min(size, (len(self) - 1) | 1))
 
     def read(
         self, positions: npt.ArrayLike, rng: np.random.Generator, origin: float | None = None
@@ -334,16 +319,11 @@ class Record:
         Parameters
         ----------
         positions : array_like, shape (n,)
-            Position at each ``t[k]`` [unit of x].
+            Position at each ``t[k]`` [unit of x]; it may stand still.
         rng : numpy.random.Generator
             Source of the noise, which is normal and white.
         origin : float, optional
             A place of the encoder's grid [unit of x]; anywhere when left out.
-
-        Returns
-        -------
-        Record
-            With the time, input and quantum of this one; it may stand still.
         """
         path = self._one_each("positions", positions)
         instance("rng", rng, np.random.Generator, "numpy.random.default_rng(0)")
@@ -397,10 +377,10 @@ class Record:
         t0, t1 : float, optional
             Limits [s] on the record's own time axis; open when left out.
         """
-        for limit, value in (("t0", t0), ("t1", t1)):
-            if value is not None and not isinstance(value, (int, float, np.number)):
-                raise ValueError(f"{limit} must be a number in s, got {value!r}")
         a, b = -math.inf if t0 is None else t0, math.inf if t1 is None else t1
+        for limit, value in (("t0", a), ("t1", b)):
+            if not isinstance(value, (int, float, np.number)):
+                raise ValueError(f"{limit} must be a number in s, got {value!r}")
         start, stop = np.searchsorted(self.t, [a, b])
         if not a < b or stop - start < 2:
             raise ValueError(
@@ -415,25 +395,20 @@ class Record:
         Parameters
         ----------
         parts : float, int or sequence of float
-            Fraction of the first of two parts; number of equal parts; or
-            the fractions of all parts, with sum 1.
+            Fraction of the first of two parts; number of equal parts; or fractions with sum 1.
         """
         if isinstance(parts, bool):
             raise ValueError(f"split needs a fraction, a number or fractions, got {parts}")
         if isinstance(parts, (int, np.integer)):
             if not 1 <= parts <= len(self) // 2:
-                raise ValueError(
-                    f"cannot split {len(self)} samples into {parts} parts of 2 or more"
-                )
+                raise ValueError(f"{len(self)} samples do not make {parts} parts of 2 or more")
             fractions = np.full(int(parts), 1 / int(parts))
         elif isinstance(parts, (float, np.floating)):
             fractions = np.array([parts, 1 - parts], dtype=float)
         else:
             fractions = checks.vector("fractions", parts)
         if not np.all(fractions > 0) or abs(fractions.sum() - 1) > 1e-9:
-            raise ValueError(
-                f"split fractions must be positive with sum 1, got {fractions.tolist()}"
-            )
+            raise ValueError(f"fractions must be positive with sum 1, got {fractions.tolist()}")
         edges = np.rint(np.cumsum(fractions) * len(self)).astype(int)[:-1].tolist()
         return tuple(self[a:b] for a, b in itertools.pairwise([0, *edges, len(self)]))
 
@@ -443,9 +418,8 @@ class Record:
         Parameters
         ----------
         seconds : float
-            Length of a block [s], rounded to whole samples. What is left
-            at the end is a block of its own if at least half as long, else part of
-            the last one.
+            Length of a block [s], rounded to whole samples. What is left at the end is a block of
+            its own if at least half as long, else part of the last one.
         """
         size = min(len(self), samples(min(positive("seconds", seconds), self.duration), self.dt))
         if size < 2:
@@ -458,16 +432,14 @@ class Record:
     def decimated(self, factor: int) -> Record:
         """Every factor-th position with the mean input in between.
 
-        The mean keeps the impulse of the held input. An incomplete group at
-        the end is dropped.
+        The mean keeps the impulse of the held input. An incomplete group at the end is dropped.
 
         Parameters
         ----------
         factor : int
             Samples per group, 1 or more.
         """
-        if isinstance(factor, bool) or not isinstance(factor, (int, np.integer)) or factor < 1:
-            raise ValueError(f"factor must be a whole number of at least 1, got {factor!r}")
+        factor = whole("factor", factor)
         groups = len(self) // factor
         if groups < 2:
             raise ValueError(f"decimating {len(self)} samples by {factor} leaves fewer than 2")
@@ -481,33 +453,29 @@ class Record:
     def commanded(self, gain: float | None = None) -> Record:
         """The record of a position servo, its drive a proportional law.
 
-        For a log of commands and positions without the force or torque of the drive: the input
-        becomes ``gain * (reference - x)``.
+        For a log of commands and positions alone: the input is ``gain * (reference - x)``.
 
         Parameters
         ----------
         gain : float, optional
-            Gain of the position controller [N/m].  Default: 1, so that the input is the lag
-            itself in the unit of position.  Forces are then known only in ratio to the gain:
-            give the axis an effect `InputGain` with a guess of it.
+            Gain of the position controller [N/m].  Default: 1.  Forces are then known only in
+            ratio to it: give the axis an effect `InputGain` with a guess of the gain.
         """
         if self.reference is None:
             raise ValueError(
                 "record has no reference: read the commands of the servo as one, "
                 'columns={"reference": ...}'
             )
-        factor = 1.0 if gain is None else positive("gain", gain)
-        u = factor * (self.reference - self.x)
+        u = self.reference - self.x
         if not np.any(u):
-            raise ValueError(
-                "record.reference is the position itself: give the commands, not what was measured"
-            )
+            raise ValueError("record.reference is the position itself: give the commands")
         units = {k: v for k, v in self.units.items() if k != "u"}
-        if gain is None and "x" in units:
-            units["u"] = units["x"]
-        note = f"u is {factor:g} (reference - x)"
         if gain is None:
             note = "u is reference - x: forces are known only in ratio to the gain of the servo"
+            units |= {"u": units["x"]} if "x" in units else {}
+        else:
+            u *= positive("gain", gain)
+            note = f"u is {float(gain):g} (reference - x)"
         others = tuple(one for one in self.notes if one != checks.NO_DRIVE)
         return self._with(note, u=u, units=units, notes=others)
 
@@ -549,19 +517,16 @@ class Record:
         dt : float, optional
             Step of the grid [s]; the median step when left out.
         hold : {"zero", "first"}
-            How ``u`` runs between stamps. Held (``"zero"``), a new sample is the
-            mean of the held input over its step, which keeps the impulse; where
-            samples were lost, values in between are linear.
-            Linear (``"first"``), it is the value at the new stamp.
+            How ``u`` runs between stamps. Held (``"zero"``), a new sample is the mean of the held
+            input over its step, which keeps the impulse; where samples were lost, values in
+            between are linear. Linear (``"first"``), it is the value at the new stamp.
         interpolation : {"monotone", "linear", "cubic"}
-            For ``x`` and ``reference``. ``"monotone"`` (PCHIP) does not overshoot,
-            so an axis at rest stays at rest; ``"cubic"`` is a spline.
+            For ``x`` and ``reference``. ``"monotone"`` (PCHIP) does not overshoot, so an axis at
+            rest stays at rest; ``"cubic"`` is a spline.
         max_gap : float, optional
-            Longest step that may be filled [s], 5 median steps when left
-            out.
+            Longest step that may be filled [s], 5 median steps when left out.
         **options
-            ``units``, ``name``, ``notes``, ``quantum``, ``unwrap``, ``channels``, ``raw``, ``good``
-            of `Record`.
+            Those of `Record`.
 
         Examples
         --------
@@ -670,8 +635,7 @@ class Record:
         Parameters
         ----------
         window : int, optional
-            Odd number of samples, 5 or more; `smoothing_window` when left
-            out, which is chosen from the noise, the quantum and ``dt``.
+            Odd number of samples, 5 or more; `smoothing_window` when left out.
 
         Returns
         -------
@@ -680,10 +644,9 @@ class Record:
 
         Notes
         -----
-        Cubic Savitzky-Golay fit. With white noise of standard deviation
-        s, that of the acceleration is about s sqrt(720 / N^5) / dt^2 for a window of N
-        samples. What happens within a window, a breakaway say, is smeared
-        over it.
+        Cubic Savitzky-Golay fit. With white noise of standard deviation s, that of the acceleration
+        is about s sqrt(720 / N^5) / dt^2 for a window of N samples. What happens within a window, a
+        breakaway say, is smeared over it.
         """
         size = self.smoothing_window if window is None else window
         if isinstance(size, bool) or not isinstance(size, (int, np.integer)) or size % 2 == 0:
@@ -693,12 +656,13 @@ class Record:
                 f"window of {size} samples: it must be at least {_WINDOWS[0]} and at most the "
                 f"{len(self)} samples of the record"
             )
-        return Derivatives(
-            *(savgol_filter(self.x, int(size), 3, deriv, self.dt) for deriv in (0, 1, 2))
-        )
+        x, v, a = (savgol_filter(self.x, int(size), 3, deriv, self.dt) for deriv in (0, 1, 2))
+        return Derivatives(x, v, a)
 
-    def compare(self, name: str, window: int | None = None) -> Comparison:
+    def compare(self, name: str, window: int | None = None) -> checks.Comparison:
         """Compare a measured channel with what the position implies.
+
+        The channel is close to gain * expected + offset, `delay` later.
 
         Parameters
         ----------
@@ -706,12 +670,6 @@ class Record:
             Velocity, acceleration or position of the second encoder.
         window : int, optional
             Smoothing of the position, as in `derivatives`.
-
-        Returns
-        -------
-        Comparison
-            Named tuple ``(gain, offset, delay, rms)``: the channel is close to gain * expected +
-            offset, `delay` later.
         """
         if string("name", name) not in self.channels:
             raise ValueError(
@@ -719,7 +677,7 @@ class Record:
             )
         smooth = self.derivatives(window)
         expected = {"x2": smooth.x, "v": smooth.v, "a": smooth.a}[name]
-        return compared(np.asarray(expected), self.channels[name], self.dt)
+        return checks.compared(np.asarray(expected), self.channels[name], self.dt)
 
     @classmethod
     def from_frame(
@@ -730,12 +688,11 @@ class Record:
         Parameters
         ----------
         frame : DataFrame
-            Columns are recognised as in `read_record`; the time may be the
-            index.
+            The time may be its index.
         columns : mapping, optional
-            Role to column, as in `read_record`.
+            Role to column.
         **options
-            Further options of `read_record`.
+            All as in `read_record`.
         """
         if not hasattr(frame, "columns"):
             raise ValueError(f"from_frame needs a data frame, got {type(frame).__name__}")
@@ -760,22 +717,18 @@ class Record:
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV file that `read_record` reads back bit for bit.
 
-        The file appears whole or not at all.  Where readings are masked, ``x`` has what was
-        recorded and the column ``good`` is 0.
+        Where readings are masked, ``x`` has what was recorded and the column ``good`` is 0.
 
         Parameters
         ----------
         path : path-like
-            Where to; a file that is there already is replaced.
+            Replaced as a whole or not at all.
         """
         target = file_path("path", path)
         if target.suffix.lower() != ".csv":
             raise ValueError(f"to_csv writes .csv files, got {target.name!r}")
         columns = self._columns()
-        with (
-            replacing(target) as temporary,
-            temporary.open("w", encoding="utf-8", newline="\n") as file,
-        ):
+        with replacing(target) as part, part.open("w", encoding="utf-8", newline="\n") as file:
             file.write(f"{SIGNATURE} {FORMAT} {json.dumps(self._meta())}\n")
             file.write(",".join(columns) + "\n")
             for a in range(0, len(self), 65_536):
@@ -812,13 +765,13 @@ class Record:
         return table(self._rows())
 
     def _rows(self) -> list[tuple[str, str]]:
-        unit_x, unit_u = (f" {self.units[k]}" if k in self.units else "" for k in "xu")
+        unit_x = self._unit("x")
         rows = [
             ("record", self.name or "(no name)"),
             ("samples", f"{len(self)} at {self.dt:.6g} s, {self.duration:.6g} s"),
             ("time", f"{self.t[0]:.6g} s to {self.t[-1]:.6g} s"),
-            ("input", f"{self.u.min():.6g} to {self.u.max():.6g}{unit_u}"),
-            ("position", f"{self.x.min():.6g} to {self.x.max():.6g}{unit_x}"),
+            ("input", self._span("u", ".6g")),
+            ("position", self._span("x", ".6g")),
             ("reference", "yes" if self.reference is not None else "no"),
             ("units", assumed_units(self.units)),
             *(("channel", self._label(name, name)) for name in self.channels),
@@ -832,12 +785,17 @@ class Record:
 
     def __repr__(self) -> str:
         title = f"{self.name!r}, " if self.name else ""
-        unit_x, unit_u = (f" {self.units[k]}" if k in self.units else "" for k in "xu")
-        return (
-            f"Record({title}{len(self)} samples, dt={self.dt:.6g} s, "
-            f"u {self.u.min():.4g} to {self.u.max():.4g}{unit_u}, "
-            f"x {self.x.min():.4g} to {self.x.max():.4g}{unit_x})"
-        )
+        u, x = self._span("u", ".4g"), self._span("x", ".4g")
+        return f"Record({title}{len(self)} samples, dt={self.dt:.6g} s, u {u}, x {x})"
+
+    def _unit(self, role: str) -> str:
+        """Unit behind a number."""
+        return f" {self.units[role]}" if role in self.units else ""
+
+    def _span(self, role: str, digits: str) -> str:
+        """Range of a channel."""
+        values = self._arrays()[role]
+        return f"{values.min():{digits}} to {values.max():{digits}}{self._unit(role)}"
 
     def _repr_html_(self) -> str:
         return table(self._rows(), as_html=True)
@@ -896,8 +854,7 @@ def usable_readings(good: Any, size: int) -> Bools | None:
         )
     if np.count_nonzero(array) < checks.MIN_SAMPLES:
         raise ValueError(
-            f"good leaves {np.count_nonzero(array)} readings, at least {checks.MIN_SAMPLES} are "
-            "needed"
+            f"good leaves {np.count_nonzero(array)} readings, at least {checks.MIN_SAMPLES} needed"
         )
     return array
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -12,7 +12,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from dryfric_control.arrays import Bools, Floats, Ints
-from dryfric_control.checks import finite, positive
+from dryfric_control.checks import finite, one_of, positive
 from dryfric_control.records.bad_readings import roundest
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, units_by_role
 from dryfric_control.records.record_warning import warn
@@ -25,8 +25,9 @@ JITTER_LIMIT = 0.01  # of one step; rounded time stamps stay below
 _MAX_MAGNITUDE = 1e100  # squares stay finite
 
 
-#: Note of a record without a drive.
+#: Notes of a record without a drive, and of one without a position.
 NO_DRIVE = "no drive: u = 0"
+INTEGRAL = "x is the integral of v, from 0: its offset is free, that of v makes it drift"
 
 
 def plain_text(text: str) -> str:
@@ -95,8 +96,7 @@ def vector(name: str, value: Any, gaps: bool = False) -> Floats:
     mend = {
         "b": "holds true and false, not numbers; the wrong column? If meant, .astype(float)",
         "c": "is complex; pass its real part",
-        "U": "holds text; convert it with np.asarray(..., dtype=float)",
-        "S": "holds text; convert it with np.asarray(..., dtype=float)",
+        **dict.fromkeys("US", "holds text; convert it with np.asarray(..., dtype=float)"),
         "O": "is of dtype object (None, text or mixed values inside); convert it to float",
         "M": "holds dates; pass seconds: (t - t[0]) / np.timedelta64(1, 's')",
         "m": "holds durations; pass seconds: t / np.timedelta64(1, 's')",
@@ -152,15 +152,13 @@ def vectors(
         return array
 
     more = {name: checked(f"channels[{name!r}]", one) for name, one in (channels or {}).items()}
-    notes: tuple[str, ...] = ()
-    if u is None:
-        u = np.zeros(tv.size)
-        notes += (NO_DRIVE,)
+    notes = (NO_DRIVE,) * (u is None)
+    u = np.zeros(tv.size) if u is None else u
     if x is None and "v" in more:
         sound = np.isfinite(tv) & np.isfinite(more["v"])
         x = np.full(tv.size, np.nan)
         x[sound] = cumulative_trapezoid(more["v"][sound], tv[sound], initial=0.0)
-        notes += ("x is the integral of v, from 0: its offset is free, that of v makes it drift",)
+        notes = (*notes, INTEGRAL)
     found = {"t": tv, "u": checked("u", u), "x": checked("x", x)}
     if reference is not None:
         found["reference"] = checked("reference", reference)
@@ -268,9 +266,7 @@ def check_motion(u: Floats, x: Floats, grid: float | None = None) -> None:
     """Errors for what never moves and for an encoder that wraps, on a grid if it has one."""
     # a few units in the last place are rounding, not motion
     if _constant(x):
-        raise ValueError(
-            f"x is constant ({x[0]:.6g}): the axis never moved, or the wrong column was read"
-        )
+        raise ValueError(f"x is constant ({x[0]:.6g}): the axis never moved, or the wrong column")
     if _constant(u) and u.any():
         raise ValueError(
             f"u is constant ({u[0]:.6g}): without excitation nothing can be learned; check the "
@@ -286,12 +282,10 @@ def check_motion(u: Floats, x: Floats, grid: float | None = None) -> None:
     jumps = np.flatnonzero(steps > 0.5 * span)
     if usual > 0.1 * span:
         return
-    before = steps[np.maximum(jumps - 1, 0)] * (jumps > 0)
-    after = steps[np.minimum(jumps + 1, steps.size - 1)] * (jumps < steps.size - 1)
-    lone = np.maximum(before, after) < 0.1 * steps[jumps]
-    low, high = x.min() + 0.1 * span, x.max() - 0.1 * span
-    ends = np.minimum(x[jumps], x[jumps + 1]), np.maximum(x[jumps], x[jumps + 1])
-    wraps = jumps[lone & (ends[0] <= low) & (ends[1] >= high)]
+    beside = np.pad(steps, 1)
+    lone = np.maximum(beside[jumps], beside[jumps + 2]) < 0.1 * steps[jumps]
+    ends = np.sort((x[jumps], x[jumps + 1]), axis=0)
+    wraps = jumps[lone & (ends[0] <= x.min() + 0.1 * span) & (ends[1] >= x.max() - 0.1 * span)]
     if wraps.size:
         raise ValueError(
             f"x jumps {wraps.size} times across its whole range, first from {jump(wraps[0])}: the "
@@ -314,8 +308,7 @@ def _constant(values: Floats) -> bool:
     return bool(np.ptp(values) <= 8 * np.spacing(np.abs(values).max()))
 
 
-# A reset: a jump of so many steps nearby and so many of the largest other steps, that ends so many
-# steps nearby from zero.
+# A reset: a jump of so many steps nearby and largest other steps, that ends so near to zero.
 _RESET, _LARGEST, _AT_ZERO = 20.0, 3.0, 2.0
 
 
@@ -502,8 +495,7 @@ def spread_of(x: Floats, quantum: float) -> float:
     return max(floor, spread / 0.6745 / math.sqrt(70))
 
 
-# Part of the steps of one size with which a grid is believed only where they lie on it as exactly
-# as this, in parts of the grid.
+# Part of the steps of one size from which on they must lie on the grid, and how exactly.
 _ALIKE, _EXACT = 0.9, 0.01
 
 
@@ -566,11 +558,9 @@ def _with_lost(t: Floats, u: Floats) -> tuple[Floats, Floats]:
     """Stamps and inputs with the samples in between that were lost, along straight lines."""
     # A value held over several steps would be an impulse that did not act.
     steps = np.diff(t)
-    counts = np.maximum(np.rint(steps / np.median(steps)), 1.0).astype(np.int64)
-    first = np.repeat(np.arange(counts.size), counts)
-    share = (np.arange(first.size) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[first]
-    more = t[first] + share * steps[first], u[first] + share * np.diff(u)[first]
-    return np.append(more[0], t[-1]), np.append(more[1], u[-1])
+    at = np.append(0.0, np.cumsum(np.maximum(np.rint(steps / np.median(steps)), 1.0)))
+    every = np.arange(at[-1] + 1.0)
+    return np.interp(every, at, t), np.interp(every, at, u)
 
 
 def resample(
@@ -578,12 +568,8 @@ def resample(
 ) -> dict[str, Floats]:
     """The channels on a uniform grid that starts at t[0]."""
     t, u = found["t"], found["u"]
-    if hold not in ("zero", "first"):
-        raise ValueError(f'hold must be "zero" or "first", got {hold!r}')
-    if interpolation not in ("monotone", "linear", "cubic"):
-        raise ValueError(
-            f'interpolation must be "monotone", "linear" or "cubic", got {interpolation!r}'
-        )
+    one_of("hold", hold, ("zero", "first"))
+    one_of("interpolation", interpolation, ("monotone", "linear", "cubic"))
     count = (t[-1] - t[0] + 2 * np.spacing(np.abs(t).max())) / dt + 1e-6
     if not MIN_SAMPLES - 1 <= count <= 10 * MAX_ROWS:
         raise ValueError(
@@ -612,3 +598,34 @@ def resample(
         held = np.where(first == last, drive[first], (upto[1] + beyond - upto[0]) / dt)
     others = {name: smooth(one) for name, one in found.items() if name not in ("t", "u")}
     return {"t": grid, "u": held} | others
+
+
+_LATEST = 0.1  # s, delay that is looked for
+
+
+class Comparison(NamedTuple):
+    """How a channel differs from what is expected of it."""
+
+    gain: float  # factor on the expected channel; far from 1, its unit is another one
+    offset: float  # [unit of the channel]
+    delay: float  # time by which the channel comes later [s]
+    rms: float  # of what is left [unit of the channel]
+
+
+def compared(expected: Floats, measured: Floats, dt: float) -> Comparison:
+    """Gain, offset and delay that bring a channel closest to what is expected."""
+    longest = min(round(_LATEST / dt), expected.size // 4)
+    inside = slice(longest, expected.size - longest)
+    wanted = expected[inside]
+    if wanted.size < 3 or np.ptp(wanted) == 0.0:
+        raise ValueError("the position does not move enough to compare a channel with it")
+    centred = wanted - wanted.mean()
+
+    def later(lag: int) -> Comparison:
+        seen = measured[longest + lag : expected.size - longest + lag]
+        gain = float(centred @ seen) / float(centred @ centred)
+        offset = float(seen.mean() - gain * wanted.mean())
+        rms = float(np.sqrt(np.mean((seen - gain * wanted - offset) ** 2)))
+        return Comparison(gain, offset, lag * dt, rms)
+
+    return min(map(later, range(-longest, longest + 1)), key=lambda one: one.rms)

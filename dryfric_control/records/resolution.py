@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-# Part of the range that the arithmetic of a free run may lose: a record without noise is not
-# held to more.
+# Part of the range that the arithmetic of a free run may lose.
 ROUNDING = 1e-9
 
 #: Encoder quanta in a standard deviation: a reading is off by up to half a quantum, all alike.

@@ -41,8 +41,7 @@ class Scaling:
     ``x = counts / counts_per_turn / gear_ratio`` turns of the load, times 2 pi [rad] or `lead` [m];
     ``u = torque_constant * current * gear_ratio`` [N m], times 2 pi / `lead` [N], or
     ``u = piston_area * pressure`` [N]. A channel without a unit is taken to be in counts, amperes
-    or per cent if the number for these is given. Losses of the gear are not in: they are friction
-    of the axis.
+    or per cent if the number for these is given. Losses of the gear are friction of the axis.
 
     Examples
     --------
@@ -71,9 +70,7 @@ class Scaling:
     def __post_init__(self) -> None:
         put = object.__setattr__
         if not isinstance(self.gain, Mapping):
-            raise ValueError(
-                f'gain must be a number or a mapping such as {{"x": 1e-6}}, got {self.gain!r}'
-            )
+            raise ValueError(f'gain must be a mapping such as {{"x": 1e-6}}, got {self.gain!r}')
         gains = {}
         for role, value in self.gain.items():
             if role not in _CHANNELS:
@@ -144,12 +141,7 @@ class Scaling:
         Parameters
         ----------
         data : mapping
-            Such as the table ``[record]`` of an axis file.
-
-        Returns
-        -------
-        Scaling
-            Without the table's `dt`, `rate` and `max_gap`, which `read_sampling` reads.
+            Such as the table ``[record]`` of an axis file; its sampling is passed over.
         """
         if not isinstance(data, Mapping):
             raise ValueError(
@@ -159,7 +151,7 @@ class Scaling:
         return cls(**{key: value for key, value in data.items() if key not in _SAMPLING})
 
     def conversion(self, role: str, unit: str) -> Conversion | None:
-        """Factor that brings a channel to the axis, if it takes one.
+        """Factor that brings a channel to the axis, None for none.
 
         Parameters
         ----------
@@ -167,11 +159,6 @@ class Scaling:
             ``"u"``, ``"x"``, ``"reference"`` or ``"v"``, ``"a"``; others are left alone.
         unit : str
             Unit it is in, such as ``"mA"``, empty if it is not known.
-
-        Returns
-        -------
-        Conversion or None
-            None where the numbers of the machine do not enter, as for a force in kN.
         """
         if role not in ("u", "x", "reference", "v", "a"):
             return None
@@ -223,6 +210,10 @@ class Scaling:
         if self._travel is None:
             return Conversion(factor, unit, "N m")
         return Conversion(factor * 2 * math.pi / self._travel, unit, "N")
+
+
+#: What `read_record` takes as its gain.
+Gain = float | Mapping[str, float] | Scaling
 
 
 def read_sampling(path: str | os.PathLike[str]) -> dict[str, float]:

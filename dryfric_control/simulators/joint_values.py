@@ -20,6 +20,7 @@ from dryfric_control.estimation.force_residual import Sliding, at_the_mass
 from dryfric_control.estimation.parameters import SHIFT, values_of, with_values
 from dryfric_control.identification import Fit, replay
 from dryfric_control.model.axis import FrictionAxis, without_effects
+from dryfric_control.model.effects.effect import Effect
 from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.friction_curve import net_force, usual_speed
@@ -35,8 +36,7 @@ _SAID = 1e-6
 _STEP = 1e-2
 # Causes that scale all forces together or one by one.
 _SCALES = {"inertia", "viscous", "coulomb", "input_gain"}
-# Where the drive hardly ever brakes, friction by load is the same as a weaker drive, whose values
-# are others.
+# Where the drive hardly ever brakes, friction by load is the same as a weaker drive.
 _LOAD = "load_dependence"
 _USABLE = ("explained", "nothing to find")
 #: Where a simulator keeps what is no friction of a joint.
@@ -56,21 +56,12 @@ _Systems = Sequence[tuple[str, str]]  # units of position and force
 class Format(NamedTuple):
     """How a simulator states the friction of a joint."""
 
-    columns: Callable[[Floats, Any], Floats]  # of v, shape: friction for each coefficient of 1
-    shapes: Callable[[Floats], Iterable[Any]]  # of speeds: those to choose from
     values: Callable[[Floats, Any, float], dict[str, Any]]  # of coefficients, shape, breakaway
     breakaway: bool = False  # whether it states the breakaway friction force on its own
     armature: str = ""  # name of the inertia beyond that of the bodies
-
-
-def one_shape(speed: Floats) -> tuple[None]:
-    """Shapes of a format that has one."""
-    return (None,)
-
-
-def straight(v: Floats, shape: Any = None) -> Floats:
-    """Columns of a Coulomb level and a viscous coefficient."""
-    return np.column_stack((np.sign(v), v))
+    #: Of v and a shape, friction for each coefficient of 1: by default a level and a viscous one.
+    columns: Callable[[Floats, Any], Floats] = lambda v, shape: np.column_stack((np.sign(v), v))
+    shapes: Callable[[Floats], Iterable[Any]] = lambda speed: (None,)  # those to choose from
 
 
 class Loss(NamedTuple):
@@ -329,12 +320,10 @@ def referred(axis: FrictionAxis) -> tuple[FrictionAxis, float]:
     if not gains or gain <= 0.0:
         return axis, 1.0
     effects = []
-    for effect in (e for e in axis.effects if e not in gains):
-        values = {
-            n: getattr(effect, n) / gain ** powers(p["unit"])[0]
-            for n, p in effect.parameters().items()
-        }
-        effects.append(type(effect)(**values))
+    for one in (e for e in axis.effects if e not in gains):
+        parameters = one.parameters().items()
+        values = {n: getattr(one, n) / gain ** powers(p["unit"])[0] for n, p in parameters}
+        effects.append(type(one)(**values))
     scaled = axis.replace(
         mass=axis.mass / gain, viscous=axis.viscous / gain,
         coulomb=axis.coulomb.scaled(1.0 / gain), effects=tuple(effects),
@@ -342,7 +331,7 @@ def referred(axis: FrictionAxis) -> tuple[FrictionAxis, float]:
     return scaled, gain
 
 
-_STRAIGHT = Format(straight, one_shape, lambda c, shape, breakaway: {})
+_STRAIGHT = Format(lambda c, shape, breakaway: {})
 
 
 class _States(NamedTuple):
@@ -364,9 +353,7 @@ class _States(NamedTuple):
                 fast = np.abs(one.v) > bare.stick_speed
                 parts.append([a[fast] for a in (one.t, one.x, one.v, one.u)])
             if all(part[0].size == 0 for part in parts):
-                raise ValueError(
-                    "the record of the result has no sliding samples: give velocities=..."
-                )
+                raise ValueError("the record has no sliding samples: give velocities=...")
             return cls(*map(np.concatenate, zip(*parts, strict=True)))
         if velocities is None:
             speed = usual_speed(axis) * np.arange(1, _VELOCITIES) / (_VELOCITIES - 1)
@@ -382,13 +369,11 @@ def _resistance(axis: FrictionAxis, states: _States) -> Floats:
     return np.asarray(states.u - net_force(without_effects(axis), *states, np.sign(states.v)))
 
 
-def _dissipates(effect: Any) -> bool:
+def _dissipates(effect: Effect) -> bool:
     """Whether an effect is friction of the joint; a stop is one of the simulator's own."""
     if effect.slug in _ELSEWHERE:
         return False
-    return bool(
-        effect.action == "friction" or (effect.action == "force" and effect.depends_on_speed)
-    )
+    return effect.action == "friction" or (effect.action == "force" and effect.depends_on_speed)
 
 
 def _friction(axis: FrictionAxis, states: _States) -> Floats:

@@ -40,7 +40,7 @@ def _table(c: Floats, knots: Floats, breakaway: float) -> dict[str, Any]:
     return {"table": rows, "peak": 1.0}
 
 
-_MODELICA = joint_values.Format(_hats, _knots, _table, breakaway=True)
+_MODELICA = joint_values.Format(_table, breakaway=True, columns=_hats, shapes=_knots)
 
 
 def to_modelica(
@@ -58,16 +58,14 @@ def to_modelica(
     result : Fit, Diagnosis, FrictionAxis, or mapping of str to such
         What is known of the joint, or of each joint by the name of its component.
     model : path-like
-        Modelica file with components `BearingFriction` or `SupportFriction` of the
-        standard library; every other byte of it stays.
+        File with components `BearingFriction` or `SupportFriction`; every other byte stays.
     joint, velocities, out
         As for `to_mjcf`; a joint is the name of its component.
 
     Notes
     -----
-    The table `tau_pos` (`f_pos` of a `SupportFriction`) holds friction over speed, the same
-    both ways, so it states a Stribeck peak and a drag.  Its first row is the breakaway, and
-    `peak` is 1.  Inertia belongs to another component.
+    The table `tau_pos` (`f_pos` of a `SupportFriction`) holds friction over speed, the same both
+    ways.  Its first row is the breakaway, and `peak` is 1.  Inertia belongs to another component.
 
     Examples
     --------
@@ -94,10 +92,9 @@ def to_modelica(
     units = {name: (_UNITS[one[1].decode()],) for name, one in there.items()}
     joints = joint_values.joints_of(result, joint, units, what="component")
     for name in joints:
-        if there[name][3] and _closing(bare, there[name].end()) == len(bare):
+        if there[name][3] and _ends(bare, there[name].end(), len(bare), b"") == len(bare):
             raise ValueError(
-                f"model {path.name}: the bracket of component {name!r} is not closed: is the file "
-                "whole?"
+                f"model {path.name}: a bracket of {name!r} is not closed: is the file whole?"
             )
     found = joint_values.described(_MODELICA, joints, velocities)
     edits: list[Edit] = []
@@ -114,19 +111,20 @@ def _modified(bare: bytes, component: re.Match[bytes], texts: dict[str, str]) ->
     if component[3] is None:
         yield Edit(component.end(2), component.end(2), f"({', '.join(missing.values())})".encode())
         return
-    begin, end = component.end(3), _closing(bare, component.end(3))
+    begin = component.end(3)
+    end = _ends(bare, begin, len(bare), b"")
     for name, value in texts.items():
         if old := re.compile(rb"\b%s\s*=\s*" % name.encode()).search(bare, begin, end):
-            yield Edit(old.end(), _ends(bare, old.end(), end), value.encode())
+            stop = _ends(bare, old.end(), end)
+            if not bare[old.end() : stop].strip():
+                raise ValueError(
+                    f"component {component[2].decode()!r}: {name} has no value: is the file whole?"
+                )
+            yield Edit(old.end(), stop, value.encode())
             del missing[name]
     if missing:
         comma = ", " if bare[begin:end].strip() else ""
         yield Edit(end, end, f"{comma}{', '.join(missing.values())}".encode())
-
-
-def _closing(text: bytes, begin: int) -> int:
-    """Place of the bracket that closes what was open before `begin`."""
-    return _ends(text, begin, len(text), b"")
 
 
 def _ends(text: bytes, begin: int, end: int, marks: bytes = b",") -> int:

@@ -12,18 +12,13 @@ from numpy.typing import ArrayLike
 
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
-from dryfric_control.simulators import joint_values
-from dryfric_control.simulators.files import applied, number, read_model, written
+from dryfric_control.simulators import files, joint_values
 from dryfric_control.simulators.joint_values import SimulatorValues
-from dryfric_control.simulators.xml_text import Element, attributes_set, elements
 from dryfric_control.store.files import existing_file
 from dryfric_control.text import see
 
 _MJCF = joint_values.Format(
-    joint_values.straight,
-    joint_values.one_shape,
-    lambda c, shape, breakaway: {"frictionloss": float(c[0]), "damping": float(c[1])},
-    armature="armature",
+    lambda c, *_: {"frictionloss": float(c[0]), "damping": float(c[1])}, armature="armature"
 )
 _KINDS = ("free", "ball", "slide", "hinge")
 _UNITS = {"hinge": ("rad", "N m"), "slide": ("m", "N")}
@@ -50,8 +45,7 @@ def to_mjcf(
     model : path-like, mujoco.MjSpec or mujoco.MjModel
         MJCF file, of which every other byte stays, or a model, which is changed.
     joint : str, optional
-        Name of the joint of a single result.  Default: the only joint of the model, or
-        the name of the axis.
+        That of a single result.  Default: the only joint of the model, or the name of the axis.
     load : float or mapping of str to float, optional
         Inertia that the bodies of the model have about the joint [kg m^2]: `armature` is the
         rest of the mass of the axis.  Default: MuJoCo computes it, in the reference pose.
@@ -59,15 +53,9 @@ def to_mjcf(
         Velocities over which friction is approximated.  Default: those of the records of
         the result; without a record, as far as the friction curve is drawn.
     stiff : bool, optional
-        Whether to set `solreffriction` and `solimpfriction` as well, with which a joint
-        at rest creeps fifty times less, at a time step of 2 ms.
+        Whether a joint at rest shall creep fifty times less, by `solreffriction` and the like.
     out : path-like, optional
         File to write.  Default: `model` itself.
-
-    Returns
-    -------
-    SimulatorValues
-        The numbers with their standard errors, what MJCF cannot say, and the errors of both.
 
     Notes
     -----
@@ -78,8 +66,8 @@ def to_mjcf(
 
         min sum (F(x, v) - c sign(v) - d v)^2,    c, d >= 0
 
-    with what depends on position, direction, load and time averaged in the same way.
-    Whatever they cannot say is in `lost`, with the RMS force or position it makes there.
+    with what depends on position, direction, load and time averaged in the same way.  Whatever they
+    cannot say is in `lost`, with the RMS force or position it makes there.
 
     Examples
     --------
@@ -109,20 +97,20 @@ def to_mjcf(
 def _in_file(
     result: Any, model: Any, joint: Any, load: Any, velocities: Any, stiff: bool, out: Any
 ) -> SimulatorValues:
-    path, raw, place = read_model(model, out)
-    there = _named(path, elements(path, raw, "MJCF", "mujoco"))
+    path, raw, place = files.read_model(model, out)
+    there = _named(path, files.elements(path, raw, "MJCF", "mujoco"))
     joints = _joints(result, joint, {n: one.attributes.get("type") for n, one in there.items()})
     mend = "give load=..., or install mujoco, which computes it"
     loads = joint_values.checked_loads(load, joints, lambda: _computed(path, joints), mend)
     found = joint_values.described(_MJCF, joints, velocities, loads)
     edits = []
     for name, values in found.values.items():
-        texts = {n: number(v) for n, v in values.items()} | (_STIFF if stiff else {})
-        edits.append(attributes_set(raw, there[name].at, texts))
-    return written(found, place, applied(raw, edits))
+        texts = {n: files.number(v) for n, v in values.items()} | (_STIFF if stiff else {})
+        edits.append(files.attributes_set(raw, there[name].at, texts))
+    return files.written(found, place, files.applied(raw, edits))
 
 
-def _named(path: Path, tags: list[Element]) -> dict[str, Element]:
+def _named(path: Path, tags: list[files.Element]) -> dict[str, files.Element]:
     """Joints of the bodies by name."""
     there = {
         one.attributes["name"]: one
@@ -138,18 +126,14 @@ def _named(path: Path, tags: list[Element]) -> dict[str, Element]:
     )
 
 
-def _joints(
-    result: Any, joint: Any, kinds: Mapping[str, str | None]
-) -> dict[str, joint_values.Joint]:
+def _joints(result: Any, joint: Any, kinds: Mapping[str, Any]) -> dict[str, joint_values.Joint]:
     """Joints of a result, of one axis each; a class of the file may set their kind (None)."""
     any_kind = tuple(_UNITS.values())
     units = {n: (_UNITS[kind],) if kind in _UNITS else any_kind for n, kind in kinds.items()}
     joints = joint_values.joints_of(result, joint, units)
     for name in joints:
         if kinds[name] not in (None, *_UNITS):
-            raise ValueError(
-                f"joint {name!r} is a {kinds[name]} joint: friction is of one axis each"
-            )
+            raise ValueError(f"joint {name!r} is a {kinds[name]} joint: friction is of one axis")
     return joints
 
 
@@ -160,9 +144,7 @@ def _computed(path: Path, joints: Mapping[str, joint_values.Joint]) -> dict[str,
     except ImportError:
         return {}
     except ValueError as problem:
-        raise ValueError(
-            f"{problem}; it computes the inertia of the bodies: give load=..."
-        ) from None
+        raise ValueError(f"{problem}; it computes inertia of the bodies: give load=...") from None
 
 
 def _compiled(path: Path) -> Any:

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import file_path
 from dryfric_control.simulators import joint_values
 from dryfric_control.simulators.files import number, written
 from dryfric_control.simulators.joint_values import SimulatorValues
+from dryfric_control.store.files import file_path
 
 # Breakaway velocities that are tried.
 _TRIED = 60
@@ -38,8 +38,6 @@ def _curve(v: Floats, breakaway_velocity: float) -> Floats:
 
 
 _SIMSCAPE = joint_values.Format(
-    _curve,
-    _speeds,
     lambda c, shape, breakaway: {
         "breakaway": float(c[0] + c[1]),
         "coulomb": float(c[1]),
@@ -47,6 +45,8 @@ _SIMSCAPE = joint_values.Format(
         "breakaway_velocity": float(shape),
     },
     breakaway=True,
+    columns=_curve,
+    shapes=_speeds,
 )
 
 
@@ -62,8 +62,7 @@ def to_simscape(
     Parameters
     ----------
     result : Fit, Diagnosis, FrictionAxis, or mapping of str to such
-        What is known of the joint, or of each joint by the path of its block, such as
-        ``{"arm/Elbow friction": found}``.
+        What is known of the joint, or of each by the path of its block: ``{"arm/Elbow": found}``.
     path : path-like
         MATLAB script to write.
     joint, velocities

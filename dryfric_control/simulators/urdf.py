@@ -8,16 +8,10 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from dryfric_control.simulators import joint_values
-from dryfric_control.simulators.files import applied, number, read_model, written
+from dryfric_control.simulators import files, joint_values
 from dryfric_control.simulators.joint_values import SimulatorValues
-from dryfric_control.simulators.xml_text import attributes_set, child_added, elements
 
-_URDF = joint_values.Format(
-    joint_values.straight,
-    joint_values.one_shape,
-    lambda c, shape, breakaway: {"damping": float(c[1]), "friction": float(c[0])},
-)
+_URDF = joint_values.Format(lambda c, *_: {"damping": float(c[1]), "friction": float(c[0])})
 _UNITS = {"revolute": ("rad", "N m"), "continuous": ("rad", "N m"), "prismatic": ("m", "N")}
 
 
@@ -42,9 +36,8 @@ def to_urdf(
 
     Notes
     -----
-    The attributes `damping` and `friction` of the element ``<dynamics>`` are set, which is
-    added where a joint has none.  The format has no armature: the inertia stays that of the
-    links.
+    The attributes `damping` and `friction` of ``<dynamics>`` are set, which is added where a joint
+    has none.  The format has no armature: the inertia stays that of the links.
 
     Examples
     --------
@@ -59,8 +52,8 @@ def to_urdf(
     ...     print(arm.read_text()[:-16])
     <robot><joint name="a" type="continuous"><dynamics damping="0.2" friction="1.5"/>
     """
-    path, raw, place = read_model(model, out)
-    tags = elements(path, raw, "URDF", "robot")
+    path, raw, place = files.read_model(model, out)
+    tags = files.elements(path, raw, "URDF", "robot")
     there = {
         one.attributes["name"]: i
         for i, one in enumerate(tags)
@@ -74,13 +67,13 @@ def to_urdf(
     found = joint_values.described(_URDF, joints, velocities)
     edits = []
     for name, values in found.values.items():
-        texts = {n: number(v) for n, v in values.items()}
+        texts = {n: files.number(v) for n, v in values.items()}
         i = there[name]
         inside = itertools.takewhile(lambda one: len(one.path) > 1, tags[i + 1 :])
         dynamics = next((one for one in inside if one.name == "dynamics"), None)
         if dynamics is not None:
-            edits.append(attributes_set(raw, dynamics.at, texts))
+            edits.append(files.attributes_set(raw, dynamics.at, texts))
         else:
             words = " ".join(f'{n}="{v}"' for n, v in texts.items())
-            edits.append(child_added(raw, tags[i].at, f"<dynamics {words}/>"))
-    return written(found, place, applied(raw, edits))
+            edits.append(files.child_added(raw, tags[i].at, f"<dynamics {words}/>"))
+    return files.written(found, place, files.applied(raw, edits))

@@ -13,7 +13,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.friction import CoulombMap, Stribeck
-from dryfric_control.store.files import read_toml, replacing
+from dryfric_control.store.files import read_toml, write_file
 from dryfric_control.text import plain_data
 from dryfric_control.units import axis_units
 
@@ -31,10 +31,9 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
     Parameters
     ----------
     path : path-like
-        The file.  Its keys are the fields of `FrictionAxis`: `coulomb` is a
-        level, ``[plus, minus]``, or ``{plus = [c0, c1], minus = [c0]}``;
-        ``[stribeck]`` holds excess and speed; every ``[[effects]]`` names its
-        effect and the effect's parameters. ``[record]`` is left to `Scaling.from_file`.
+        Its keys are the fields of `FrictionAxis`: `coulomb` is a level, ``[plus, minus]``, or
+        ``{plus = [c0, c1], minus = [c0]}``; ``[stribeck]`` holds excess and speed; every
+        ``[[effects]]`` names its effect and the effect's parameters.
 
     Examples
     --------
@@ -112,8 +111,7 @@ def write_axis(axis: FrictionAxis, path: str | os.PathLike[str]) -> None:
     True
     """
     instance("axis", axis, FrictionAxis)
-    with replacing(path) as part:
-        part.write_text(axis_text(axis), encoding="utf-8")
+    write_file(path, axis_text(axis))
 
 
 def axis_text(axis: FrictionAxis, record: Mapping[str, Any] | None = None) -> str:

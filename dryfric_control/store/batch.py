@@ -19,8 +19,7 @@ import joblib
 import numpy as np
 from tqdm import tqdm
 
-from dryfric_control.checks import file_path
-from dryfric_control.store.files import replacing
+from dryfric_control.store.files import file_path, write_file
 
 # First entry of every store: what the file is, and how it is laid out.
 _FORMAT = "dryfric-control batch 1"
@@ -47,27 +46,22 @@ def run_batch(
     cases : mapping
         Value of each case by its key: a number, text, or a tuple of such.
     store : path-like, optional
-        File to which each result is written as soon as it is ready, one line of JSON each.
-        Cases that it already holds are not run again.
+        File with a line of JSON for each result, written as soon as it is ready.  Cases that it
+        already holds are not run again.
     settings : mapping, optional
-        Everything else that the results depend on, ready for JSON.  A store made with other
-        settings is refused.
+        What else the results depend on, ready for JSON.  A store with others is refused.
     jobs : int, optional
-        Cases at the same time, -1 for one on each core.  Default: what
-        `joblib.parallel_config` says, else one.
+        Cases at the same time, -1 for one a core.  Default: by `joblib.parallel_config`, else one.
     progress : bool, optional
 
     Returns
     -------
     dict
-        Result of each case by its key, in the order of `cases`, as JSON gives it
-        back: the same from a run and from a store, bit for bit.
+        Result of each case by its key, in the order of `cases`, as JSON gives it back.
 
     Notes
     -----
-    A run that is killed, or an exception in a case, loses the cases under way and no others: the
-    next call with the same store runs what is missing.  Two runs must not write one store at the
-    same time.  NaN and infinities stand in it as NaN and Infinity.
+    Two runs must not write one store at the same time.  NaN stands in it as NaN.
 
     Examples
     --------
@@ -241,6 +235,5 @@ def _opened(store: str | os.PathLike[str] | None, heading: dict[str, Any]) -> IO
         os.truncate(path, len(_whole_lines(path)))
     elif store is not None:
         # Whole or not at all: a file without a heading is not taken for a store.
-        with replacing(path) as part:
-            part.write_text(json.dumps(heading) + "\n", encoding="utf-8")
+        write_file(path, json.dumps(heading) + "\n")
     return path.open("a", buffering=1, encoding="utf-8", newline="\n")

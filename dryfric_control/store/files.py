@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from dryfric_control.checks import file_path
 from dryfric_control.text import did_you_mean
 
 T = TypeVar("T")
@@ -41,15 +40,44 @@ def existing_file(source: str | os.PathLike[str]) -> Path:
         if path.is_dir():
             raise IsADirectoryError(f"{path} is a directory; give one file in it")
         if not path.is_file():
-            near = os.listdir(path.parent) if path.parent.is_dir() else []
-            raise FileNotFoundError(
-                f"there is no file {str(path)!r}" + did_you_mean(path.name, near)
-            )
+            near = did_you_mean(path.name, os.listdir(path.parent) if path.parent.is_dir() else [])
+            raise FileNotFoundError(f"there is no file {str(path)!r}{near}")
         if path.stat().st_size == 0:
             raise ValueError(f"{path.name} is empty (0 bytes)")
     except (UnicodeEncodeError, TypeError) as err:
         raise ValueError(f"{source!r} is no file name") from err
     return path
+
+
+def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:
+    """Write text in UTF-8, or bytes, as a whole or not at all."""
+    with replacing(path) as part:
+        part.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+
+
+@contextmanager
+def named(what: str, done: str = "written") -> Iterator[None]:
+    """Whatever a disk refuses as an error that names it."""
+    try:
+        yield
+    except OSError as problem:
+        raise ValueError(f"{what} cannot be {done} ({problem.strerror}): name another") from None
+
+
+def file_path(name: str, path: Any) -> Path:
+    """The path of a file that an argument is."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise ValueError(f"{name} must be the path of a file, got {path!r}")
+    return Path(path)
+
+
+def existing_folder(folder: str | os.PathLike[str]) -> Path:
+    """The folder, made if it is not there."""
+    if not isinstance(folder, (str, os.PathLike)):
+        raise ValueError(f"folder must be a path, got {folder!r}")
+    with named(f"folder {str(folder)!r}", "made"):
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    return Path(folder)
 
 
 def output_folder(out: str | os.PathLike[str]) -> Path:
@@ -58,22 +86,16 @@ def output_folder(out: str | os.PathLike[str]) -> Path:
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"--out {folder} is a file: name a folder")
     trial = folder / "report.html.try"
-    try:
+    with named(f"--out {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
         try:
             trial.write_bytes(bytes(_ROOM))
         finally:
             trial.unlink(missing_ok=True)
-    except OSError as problem:
-        raise ValueError(
-            f"--out {folder} cannot be written ({problem.strerror}): name another folder"
-        ) from None
     return folder
 
 
-def read_toml(
-    path: str | os.PathLike[str], read: Callable[[dict[str, Any]], T], table: str = ""
-) -> T:
+def read_toml(path: str | os.PathLike[str], read: Callable[[Any], T], table: str = "") -> T:
     """What `read` makes of a TOML file, or of one table in it; its errors name the file."""
     raw = existing_file(path).read_bytes()
     try:

@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from dryfric_control.checks import file_path
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict, read_axis
-from dryfric_control.store.files import existing_file, read_json, replacing
+from dryfric_control.store.files import existing_file, file_path, read_json, replacing
 
 #: Version of the files that are written.
 VERSION = 1
@@ -25,7 +24,8 @@ MIGRATIONS: dict[int, Callable[[str, dict[str, Any]], dict[str, Any]]] = {}
 _PLAIN = (str, bool, int, type(None))
 # What senseless data make their class or a check raise.
 _SENSELESS = (
-    ArithmeticError, AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError,
+    ArithmeticError, AttributeError, IndexError, KeyError, RecursionError, SyntaxError, TypeError,
+    ValueError,
 )  # fmt: skip
 
 
@@ -104,9 +104,7 @@ def kind_of(path: str | os.PathLike[str]) -> str:
         return ""
 
 
-def load_any(
-    path: str | os.PathLike[str], loaders: Mapping[str, Callable[[Any], Any]], mend: str
-) -> Any:
+def load_any(path: str | os.PathLike[str], loaders: Mapping[str, Any], mend: str) -> Any:
     """An axis (TOML), or what the loader of the kind of a saved file reads."""
     source = existing_file(path)
     if source.suffix == ".toml":

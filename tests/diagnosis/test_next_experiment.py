@@ -12,7 +12,8 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.compiled.axis_step import TooManySwitchesError
-from dryfric_control.diagnosis import gain_or_base
+from dryfric_control.diagnosis.causes import rival as scaled_rival
+from dryfric_control.diagnosis.causes import scaled
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.estimation.windows import cut
@@ -206,7 +207,7 @@ SPRUNG = axis(
 @pytest.mark.parametrize("scale", [0.8, 2.0])
 def test_all_forces_scaled_with_the_gain_move_alike(scale):
     """m a = g u - F is m a / c = (g / c) u - F / c."""
-    other = gain_or_base.scaled(SPRUNG, scale)
+    other = scaled(SPRUNG, scale)
     assert [e.slug for e in other.effects] == ["input_gain"][scale == 0.8 :] + [
         "spring", "presliding", "warm_up",
     ]  # fmt: skip
@@ -231,14 +232,14 @@ def cause(effect, alternative, **parameters):
 def test_a_gain_and_the_base_are_separated_by_what_is_added(machine, found):
     """No fit of the other exists: it is the same axis scaled, and no motion separates it."""
     record = recorded(machine, jumps())
-    other, *names = gain_or_base.rival(machine, axis(), [found])
+    other, *names = scaled_rival(machine, axis(), [found])
     assert names == [found.effect, *found.alternatives]
     experiment = next_experiment(machine, [other], record, names=names)
     assert experiment.name in ("added_mass", "known_force")
     assert experiment.separates == found.alternatives
     # Nothing is offered where a dead zone may come before or behind the gain.
     behind = machine.replace(effects=(*machine.effects, dfc.effects.DeadZone(width=1.0)))
-    assert gain_or_base.rival(behind, axis(), [found]) is None
+    assert scaled_rival(behind, axis(), [found]) is None
 
 
 def test_what_a_refit_takes_away_is_no_difference():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import savgol_filter
 
-from dryfric_control.estimation.input_noise import without_noise
+from dryfric_control.estimation.input_noise import before_rounding, without_noise
 
 T = 1e-3 * np.arange(8000)
 # A smooth drive with jumps, as of steps of a reference.
@@ -41,3 +41,10 @@ def test_an_input_without_noise_stays():
 @pytest.mark.parametrize("samples", [3, 8, 9, 10, 64, 65])
 def test_short_inputs_keep_their_length(samples):
     assert without_noise(heard()[:samples], 1.5).size == samples
+
+
+def test_inputs_before_rounding_lie_within_half_a_step():
+    u = 0.1 * np.round(10.0 * np.sin(2.0 * np.linspace(0.0, 1.0, 1001)))
+    acted = next(before_rounding(u, 0.1, np.random.default_rng(0)))
+    # Of an input that changes slowly, the error of rounding is nearly uniform: 0.1/sqrt(12).
+    assert np.abs(acted - u).max() <= 0.05 and np.std(acted - u) > 0.02

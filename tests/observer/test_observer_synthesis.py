@@ -10,6 +10,7 @@ import pytest
 from dryfric_control import FrictionAxis
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.observer import design_pi_observer
+from dryfric_control.observer.certificate import Problem
 from dryfric_control.observer.error_model import error_models, mode_classes, mode_matrices
 from dryfric_control.observer.memory import allowed_pairs, window_graph
 from dryfric_control.observer.synthesis import Scales, certified_solution, scales_of
@@ -95,7 +96,8 @@ def cvxpy_gamma(models, scales, decay, method):
 @pytest.mark.parametrize("method", ["paper", "slack"])
 def test_gamma_equals_the_modelling_language(method):
     models, graph, scales = problem()
-    _, gamma = certified_solution(scales.apply(models), graph, 0.995, paper=method == "paper")
+    scaled = Problem(scales.apply(models), graph, 0.995)
+    _, gamma = certified_solution(scaled, paper=method == "paper")
     # both solve to about 1e-6; the certified value may lie 2e-6 higher
     expected = cvxpy_gamma(models, scales, 0.995, method)
     assert gamma / scales.output == pytest.approx(expected, rel=2e-5)
@@ -113,7 +115,7 @@ def test_gamma_does_not_move_with_the_scaling(channel, factor, paper):
         state[{"x": 0, "v": 1, "w": 2, "all states": slice(None)}[channel]] *= factor
     other = Scales(state, output)
     gammas = [
-        certified_solution(s.apply(models), graph, 0.995, paper=paper)[1] / s.output
+        certified_solution(Problem(s.apply(models), graph, 0.995), paper=paper)[1] / s.output
         for s in (scales, other)
     ]
     assert gammas[1] == pytest.approx(gammas[0], rel=1e-3)  # the requirement: 0.1 %

@@ -111,6 +111,15 @@ def test_modelica_keeps_every_other_byte(tmp_path):
     assert path.read_bytes() == right
 
 
+def test_modelica_without_a_value_is_refused_and_kept(tmp_path):
+    path = tmp_path / "Arm.mo"
+    damaged = MO.replace(b"tau_pos=[0, 1; 2, 3]", b"tau_pos=)0, 1; 2, 3]")
+    path.write_bytes(damaged)
+    with pytest.raises(ValueError, match="'elbow': tau_pos has no value"):
+        dfc.to_modelica({"elbow": PLAIN}, path, velocities=[-1.0, 1.0])
+    assert path.read_bytes() == damaged
+
+
 def test_modelica_states_a_stribeck_peak(tmp_path):
     path = tmp_path / "Arm.mo"
     path.write_bytes(MO)

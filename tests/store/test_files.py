@@ -144,6 +144,7 @@ def set_in(data: Any, place: tuple[Any, ...], value: Any) -> None:
         (("node_gains", "values", 0), 3.0, "changed: .*fails"),
         (("node_gains", "values", 0), "NaN", "node_gains"),
         (("node_gains", "values"), [1.0, 2.0], "cannot reshape"),
+        (("node_gains", "dtype"), ",", "damaged"),
         (("state_scale", "values", 0), 0.0, "state_scale must be positive"),
         (("state_scale", "values", 0), 1e-320, "damaged: .*overflow"),
         (("node_gains", "values", 2), 1e308, "damaged: .*overflow|changed"),

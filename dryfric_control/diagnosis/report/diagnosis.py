@@ -68,8 +68,7 @@ class Diagnosis(Result, Findings):
         return {
             "verdict": self.verdict,
             "causes": [
-                cause.to_dict() | {"believed": believed_values(self.axis, cause)}
-                for cause in self.causes
+                c.to_dict() | {"believed": believed_values(self.axis, c)} for c in self.causes
             ],
             "small_corrections": [cause.effect for cause in self.small_corrections],
             "coulomb_level": level_table(self),
@@ -77,8 +76,7 @@ class Diagnosis(Result, Findings):
             "extended": axis_to_dict(self.extended),
             **{name: plain_data(getattr(self, name)) for name in plain},
             "masked": [
-                {"indices": one.indices.tolist(), "reasons": list(one.reasons)}
-                for one in self.masked
+                {"indices": m.indices.tolist(), "reasons": list(m.reasons)} for m in self.masked
             ],
             "scores": {k: v for k, v in self.scores.items() if np.isfinite(v)},
         }
@@ -119,10 +117,9 @@ class Diagnosis(Result, Findings):
         Parameters
         ----------
         ax : sequence of nine Axes, optional
-            Where to draw simulated - measured position, the errors of the free runs,
-            the force residual against velocity, position, time and time since
-            reversal, friction over velocity, the candidates and the
-            autocorrelation.  Default: a new figure, with the
+            Where to draw simulated - measured position, the errors of the free runs, the force
+            residual against velocity, position, time and time since reversal, friction over
+            velocity, the candidates and the autocorrelation.  Default: a new figure, with the
             verdict in words.
 
         Returns

@@ -11,23 +11,16 @@ from numpy.typing import NDArray
 
 from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.evidence import Evidence, binned, blind, evidence
+from dryfric_control.diagnosis.report import wording
 from dryfric_control.diagnosis.report.findings import Findings, plain
-from dryfric_control.diagnosis.report.wording import (
-    WAYS,
-    gain_of,
-    headline,
-    level_table,
-    records_text,
-    shown_record,
-    summary_lines,
-)
 from dryfric_control.diagnosis.thresholds import LEAST
-from dryfric_control.drawing import axes_of, control_plot, legend_above
+from dryfric_control.drawing import axes_of, control_plot, labelled, legend_above
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.model.friction_curve import draw_curve, friction_over_velocity
 from dryfric_control.text import prefixed, rotary_words, typeset
 
-GREY = "0.65"
+# Dots of what was measured.
+_CLOUD: dict[str, Any] = {"color": "0.65", "ms": 1.5, "rasterized": True}
 #: Colour of what was found.
 FOUND = "#0072B2"
 #: Nominal axis and axis with the causes differ in colour, dash and marker.
@@ -114,9 +107,9 @@ def _page(d: Findings) -> NDArray[Any]:
     import matplotlib.pyplot as plt
 
     # The first line is the verdict, which the headline says.
-    said = summary_lines(d)[1:]
+    said = wording.summary_lines(d)[1:]
     if d.others:
-        said.append(f"curves: {shown_record(d)}")
+        said.append(f"curves: {wording.shown_record(d)}")
     text = "\n".join(
         textwrap.fill(
             typeset(line), _TEXT_WIDTH, subsequent_indent=" " * (10 if line[0] == " " else 5)
@@ -125,11 +118,9 @@ def _page(d: Findings) -> NDArray[Any]:
     )
     # The page grows with the text: no line is lost.
     rows = text.count("\n") + 1
-    names = records_text(d)
-    name = f"{names} \N{EN DASH} " if names else ""
-    heading = textwrap.wrap(
-        name + headline(d, _NAMED), _TITLE_WIDTH, max_lines=_TITLE_LINES, placeholder=" ..."
-    )
+    names = wording.records_text(d)
+    words = (f"{names} \N{EN DASH} " if names else "") + wording.headline(d, _NAMED)
+    heading = textwrap.wrap(words, _TITLE_WIDTH, max_lines=_TITLE_LINES, placeholder=" ...")
     above = 0.08 + 0.25 * len(heading)
     head = 0.12 + above + 0.165 * rows
     figure = plt.figure(figsize=(10.0, 12.4 + head), layout="constrained")
@@ -138,9 +129,9 @@ def _page(d: Findings) -> NDArray[Any]:
     title = figure.add_subplot(grid[0])
     title.set_axis_off()
     # Dollar signs are no formulas here.
-    words = {"va": "top", "transform": title.transAxes, "parse_math": False, "in_layout": False}
-    title.text(0.0, 1.0, "\n".join(heading), fontsize=13, weight="bold", **words)
-    title.text(0.0, 1.0 - above / head, text, fontsize=8.5, linespacing=1.25, **words)
+    style = {"va": "top", "transform": title.transAxes, "parse_math": False, "in_layout": False}
+    title.text(0.0, 1.0, "\n".join(heading), fontsize=13, weight="bold", **style)
+    title.text(0.0, 1.0 - above / head, text, fontsize=8.5, linespacing=1.25, **style)
     wide = [figure.add_subplot(grid[row]) for row in (1, 2)]
     middle, bottom = grid[3].subgridspec(1, len(AGAINST)), grid[4].subgridspec(2, 2)
     forces: list[Any] = []
@@ -174,10 +165,8 @@ def draw_difference(
     ax.axhspan(-noise, noise, color="0.85", lw=0, zorder=0, label="± twice the reading noise")
     for k in edges[1:-1]:
         ax.axvline(record.t[k], color="0.6", lw=0.6, ls=":", zorder=0)
-    ax.set_xlabel("Time [s]")
-    ax.set_ylabel(f"simulated \N{MINUS SIGN} measured [{unit}]")
     ax.margins(x=0.01)
-    legend_above(ax)
+    labelled(ax, "Time [s]", f"simulated \N{MINUS SIGN} measured [{unit}]")
 
 
 def draw_friction_curves(d: Findings, before: Evidence, after: Evidence | None, ax: Any) -> None:
@@ -195,10 +184,8 @@ def draw_friction_curves(d: Findings, before: Evidence, after: Evidence | None, 
     if peaks and near < _WIDE * fastest:
         panels += [(ax.inset_axes((0.60, 0.17, 0.35, 0.30)), near)]
     for one, reach in panels:
-        one.plot(
-            last.v[some], measured[some], ".", color=GREY, ms=1.5, rasterized=True,
-            label="measured, net of inertia and other effects",
-        )  # fmt: skip
+        label = "measured, net of inertia and other effects"
+        one.plot(last.v[some], measured[some], ".", **_CLOUD, label=label)
         for (side, style, name), width in zip(shown(before, after), (1.6, 1.4), strict=False):
             draw_curve(side.axis, one, reach, span, name, lw=width, **style)
         one.axhline(0.0, color="0.7", lw=0.6, zorder=0)
@@ -214,9 +201,7 @@ def draw_friction_curves(d: Findings, before: Evidence, after: Evidence | None, 
         one.set_ylim(0.9 * np.min(both), 1.06 * np.max(both))
         # The labels stay clear of the frame around.
         one.tick_params(labelsize="x-small", length=2.0, pad=1.5)
-    ax.set_xlabel(f"velocity [{length}/s]")
-    ax.set_ylabel(f"friction [{force}]")
-    legend_above(ax)
+    labelled(ax, f"velocity [{length}/s]", f"friction [{force}]")
 
 
 def draw_errors(d: Findings, before: Evidence, after: Evidence | None, ax: Any) -> None:
@@ -240,9 +225,7 @@ def draw_errors(d: Findings, before: Evidence, after: Evidence | None, ax: Any) 
     if d.gain.floor > 0.0:
         ax.axhline(d.gain.floor / factor, color="k", lw=1.2, ls=":", label="noise floor (RMS)")
     ax.set_xlim(ends[0], ends[-1])
-    ax.set_xlabel("Time [s]")
-    ax.set_ylabel(f"RMS error [{unit}]")
-    legend_above(ax)
+    labelled(ax, "Time [s]", f"RMS error [{unit}]")
 
 
 def draw_residual(
@@ -253,10 +236,7 @@ def draw_residual(
     length, force = before.axis.units
     column, name_of_place = AGAINST[by]
     place = getattr(before, column)
-    ax.plot(
-        place, before.residual, ".", color=GREY, ms=1.5, rasterized=True,
-        label="force residual, nominal model",
-    )  # fmt: skip
+    ax.plot(place, before.residual, ".", **_CLOUD, label="force residual, nominal model")
     ax.axhline(0.0, color="k", lw=0.6)
     bins: Floats | int = _BINS
     known = place[np.isfinite(place) & (place > 0.0)]
@@ -290,10 +270,9 @@ def draw_residual(
     elif labels:
         # It runs on over the neighbours: room above is kept by an empty title.
         ax.set_title(" ", fontsize="medium")
-        ax.legend(
-            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize="small",
-            frameon=False, borderaxespad=0.1, markerscale=4,
-        ).set_in_layout(False)  # fmt: skip
+        style = {"fontsize": "small", "frameon": False, "borderaxespad": 0.1, "markerscale": 4}
+        legend = ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, **style)
+        legend.set_in_layout(False)
 
 
 def _fit_force(before: Evidence, ax: Any) -> None:
@@ -312,23 +291,21 @@ def _fit_force(before: Evidence, ax: Any) -> None:
 def draw_levels(d: Findings, ax: Any) -> None:
     """Coulomb level over the range of the record, nominal and with the causes."""
     length, force = d.axis.units
-    table = level_table(d, _LEVEL_POINTS)
+    table = wording.level_table(d, _LEVEL_POINTS)
     sides = (("believed", BEFORE, "nominal"), ("found", AFTER, "with the causes"))
     for side, style, name in sides:
-        for way, word in WAYS:
+        for way, word in wording.WAYS:
             # Marks of the two ways stand side by side where their lines coincide; an
             # underscore keeps the second one out of the legend.
-            ax.plot(
-                table["x"], table[side][word], **style, lw=1.6, marker=_MARKS[way], ms=6,
-                markevery=(2 if way > 0 else 5, 9), label=name if way > 0 else f"_{name}, {word}",
-            )  # fmt: skip
+            marks = {"lw": 1.6, "marker": _MARKS[way], "ms": 6}
+            marks["markevery"] = (2 if way > 0 else 5, 9)
+            marks["label"] = name if way > 0 else f"_{name}, {word}"
+            ax.plot(table["x"], table[side][word], **style, **marks)
     most = max(float(np.max(line.get_ydata())) for line in ax.lines)
     ax.set_ylim(0.0, 1.15 * most if most > 0.0 else 1.0)
     ax.margins(x=0.01)
     ax.locator_params(axis="x", nbins=5)
-    ax.set_xlabel(_BOTH_WAYS.format(length=length))
-    ax.set_ylabel(f"Coulomb level [{force}]")
-    legend_above(ax)
+    labelled(ax, _BOTH_WAYS.format(length=length), f"Coulomb level [{force}]")
 
 
 def draw_remaining(d: Findings, ax: Any) -> None:
@@ -336,29 +313,23 @@ def draw_remaining(d: Findings, ax: Any) -> None:
     left = d.remaining
     ax.loglog(left.frequency, left.spectrum, color=FOUND, lw=1.4, label="random force left")
     # A force held over each sample is white up to half the sampling rate.
-    ax.axhline(
-        2.0 * d.record.dt * left.rms**2, color="k", lw=1.0, ls=":", label="white, of its RMS"
-    )
-    ax.set_xlabel("frequency [Hz]")
+    white = 2.0 * d.record.dt * left.rms**2
+    ax.axhline(white, color="k", lw=1.0, ls=":", label="white, of its RMS")
     unit = f"({left.unit})" if " " in left.unit else left.unit
-    ax.set_ylabel(typeset(f"spectrum [{unit}²/Hz]"))
-    legend_above(ax)
+    labelled(ax, "frequency [Hz]", typeset(f"spectrum [{unit}²/Hz]"))
 
 
 def draw_autocorrelation(before: Evidence, after: Evidence | None, ax: Any) -> None:
     """Autocorrelation of the force residual and the band of white noise."""
     last = after or before
-    ax.fill_between(
-        last.lags, -last.white, last.white, color="0.85", lw=0, label="95 % of white noise"
-    )
+    band = {"color": "0.85", "lw": 0, "label": "95 % of white noise"}
+    ax.fill_between(last.lags, -last.white, last.white, **band)
     ax.axhline(0.0, color="k", lw=0.6)
     for (side, style, name), width in zip(shown(before, after), (1.4, 1.2), strict=False):
         ax.plot(side.lags, side.autocorrelation, **style, lw=width, label=name)
     ax.set_ylim(-1.05, 1.05)
-    ax.set_xlabel("lag [s]")
-    ax.set_ylabel("autocorrelation [1]")
     ax.margins(x=0.0)
-    legend_above(ax)
+    labelled(ax, "lag [s]", "autocorrelation [1]")
 
 
 def falls(d: Findings) -> dict[str, float]:
@@ -367,7 +338,7 @@ def falls(d: Findings) -> dict[str, float]:
     # Where the axis with its base parameters fitted was not tried, the worst candidate.
     reference = d.scores.get("", max(table.values(), default=0.0))
     return {
-        slug: gain_of(d, reference - table[slug]) for slug in sorted(table, key=table.__getitem__)
+        s: wording.gain_of(d, reference - table[s]) for s in sorted(table, key=table.__getitem__)
     }
 
 
@@ -404,13 +375,10 @@ def others_text(d: Findings) -> str:
     hidden = {slug: value for slug, value in falls(d).items() if slug not in top}
     better = {slug: value for slug, value in hidden.items() if value >= LEAST}
     rest = [title_of(slug) for slug in hidden if slug not in better]
-    lines = []
-    if better:
-        names = ", ".join(map(title_of, better))
-        lines.append(f"Next, at most {plain(max(better.values()))}: {names}.")
-    if rest:
-        lines.append(f"No better on their own: {', '.join(rest)}.")
-    return " ".join(lines)
+    next_ones = f"Next, at most {plain(max(better.values(), default=0.0))}: "
+    lines = {next_ones: map(title_of, better), "No better on their own: ": rest}
+    found = ((head, ", ".join(names)) for head, names in lines.items())
+    return " ".join(f"{head}{names}." for head, names in found if names)
 
 
 def draw_candidates(d: Findings, ax: Any) -> None:
@@ -423,8 +391,8 @@ def draw_candidates(d: Findings, ax: Any) -> None:
         ax.text(0.5, 0.5, words, ha="center", va="center", transform=ax.transAxes)
         ax.set_axis_off()
         return
-    rank = {cause.effect: i for i, cause in enumerate(d.main_causes, start=1)}
-    kinds, labelled = _kinds(d), set()
+    rank = {cause.effect: f"{i}. " for i, cause in enumerate(d.main_causes, start=1)}
+    kinds, named = _kinds(d), set()
     times = _top(d)
     for row, (slug, value) in enumerate(times.items()):
         if value < LEAST:
@@ -435,18 +403,11 @@ def draw_candidates(d: Findings, ax: Any) -> None:
             continue
         kind = kinds.get(slug, "other candidate")
         # An underscore keeps a second one of a kind out of the legend.
-        label = f"_{kind}" if kind in labelled else kind
-        labelled.add(kind)
-        ax.barh(
-            row, value - 1.0, left=1.0, height=0.75, edgecolor="white", lw=0.5, label=label,
-            **_BAR_STYLES[kind],
-        )  # fmt: skip
-    names = {slug: rotary_words(title_of(slug), d.axis.units[1]) for slug in times}
-    ax.set_yticks(
-        range(len(times)),
-        [f"{rank[slug]}. {name}" if slug in rank else name for slug, name in names.items()],
-        parse_math=False,
-    )
+        style = _BAR_STYLES[kind] | {"label": f"_{kind}" if kind in named else kind}
+        named.add(kind)
+        ax.barh(row, value - 1.0, 0.75, 1.0, edgecolor="white", lw=0.5, **style)
+    names = [rank.get(s, "") + rotary_words(title_of(s), d.axis.units[1]) for s in times]
+    ax.set_yticks(range(len(times)), names, parse_math=False)
     for tick, slug in zip(ax.get_yticklabels(), times, strict=True):
         tick.set_weight("bold" if slug in rank else "normal")
     ax.axvline(1.0, color="k", lw=0.8)

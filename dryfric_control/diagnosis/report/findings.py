@@ -80,13 +80,7 @@ class Cause(Result):
 
 
 class Causes(tuple[Cause, ...]):
-    """Causes that show themselves, in print and in notebooks; a tuple otherwise.
-
-    Examples
-    --------
-    >>> Causes()
-    no causes
-    """
+    """Causes that show themselves, in print and in notebooks; a tuple otherwise."""
 
     __slots__ = ()
 
@@ -120,9 +114,8 @@ class Gain(Result):
     @property
     def headline(self) -> str:
         """Errors and their ratio in one line."""
-        before, after, floor = (
-            length_text(value, self.unit) for value in (self.before, self.after, self.floor)
-        )
+        values = self.before, self.after, self.floor
+        before, after, floor = (length_text(value, self.unit) for value in values)
         low, high = map(plain, self.interval)
         return (
             f"{before} RMS before, {after} after; error reduction (factor) {plain(self.ratio)} "
@@ -214,24 +207,7 @@ class Findings:
 
     @property
     def masked(self) -> Masks:
-        """Readings that were left out: indices and reasons, one entry a record.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-        >>> t = 1e-3 * np.arange(6000)
-        >>> u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
-        >>> x = 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0])
-        >>> good = np.arange(6000) != 700
-        >>> d = dfc.diagnose(axis, dfc.Record(t, u, x, good=good))
-        >>> d.verdict, d.masked[0].indices.tolist(), d.masked[0].reasons
-        ('nothing to find', [700], ('given',))
-        >>> d.masked
-        masked  from sample  to sample  readings
-        given   700          700        1
-        """
+        """Readings that were left out: indices and reasons, one entry a record."""
         return Masks(record.masked for record in (self.record, *self.others))
 
     @property
@@ -265,15 +241,11 @@ def kind_of(effect: str, parameter: str) -> str:
 
 def believed_values(axis: FrictionAxis, cause: Cause) -> dict[str, float]:
     """Nominal values of a cause's parameters; empty for a cause that is new to the axis."""
-    axis = axis.effective()
-    if cause.effect in BASE:
-        names = {name: name for name in cause.parameters}
-    elif holds(axis, cause.effect):
-        names = {name: f"{cause.effect}.{name}" for name in cause.parameters}
-    else:
+    axis, owner = axis.effective(), "" if cause.effect in BASE else f"{cause.effect}."
+    if owner and not holds(axis, cause.effect):
         return {}
-    values = values_of(axis, list(names.values()))
-    return dict(zip(names, map(float, values), strict=True))
+    values = values_of(axis, [f"{owner}{name}" for name in cause.parameters])
+    return dict(zip(cause.parameters, map(float, values), strict=True))
 
 
 def with_error(value: float, error: float, unit: str = "1") -> str:
@@ -326,8 +298,7 @@ def cause_text(cause: Cause, axis: FrictionAxis | None = None) -> str:
     name = cause.title if cause.title == cause.effect else f"{cause.title} ({cause.effect})"
     text = f"{name}: {', '.join(parameter_texts(cause, axis))}"
     if cause.alternatives:
-        others = ", ".join(map(titles_of, cause.alternatives))
-        text += f"; alternatives: {others}"
+        text += f"; alternatives: {', '.join(map(titles_of, cause.alternatives))}"
     return rotary_words(text, " ".join(cause.units.values()))
 
 

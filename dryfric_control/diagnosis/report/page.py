@@ -47,6 +47,21 @@ _TEMPLATES = jinja2.Environment(
 )
 
 
+def _svg(draw: Callable[..., None], *given: Any, **options: Any) -> str:
+    """What draws in axes as a picture in base64, always the same, without touching open figures."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context({"svg.hashsalt": "dryfric-control", "font.size": 11.0}):
+        figure = Figure(figsize=_PANEL, layout="constrained")
+        axes = figure.subplots(1, 1)
+        draw(*given, axes, **options)
+        control_plot(np.array([axes], dtype=object))
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="svg", dpi=_DOTS, metadata={"Date": None})
+    return base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
 @jinja2.pass_context
 def _words(context: Any, value: Any) -> str:
     """Text in the words of the axis, typeset; names are left as they are."""
@@ -63,7 +78,7 @@ _TEMPLATES.filters |= {
 }  # fmt: skip
 _TEMPLATES.globals |= {
     "br": Markup("<br>"), "say": wording, "parameter_texts": parameter_texts, "MEANING": MEANING,
-    "SMALL": SMALL, "version": __version__,
+    "SMALL": SMALL, "LEAST": LEAST, "version": __version__, "figures": figures, "svg": _svg,
 }  # fmt: skip
 
 
@@ -75,10 +90,17 @@ def html_summary(d: Findings) -> str:
 def html_page(d: Findings) -> str:
     """The whole report as one HTML page that needs no network."""
     before, after = figures.sides(d)
+    sides = figures.shown(before, after)
+    medians, rms = (
+        ", ".join(f"{text(side)} {name}" for side, _, name in sides) for text in (_median, _force)
+    )
     return _TEMPLATES.get_template("page.html").render(
         d=d,
         force=d.axis.units[1],
-        pictures=_pictures(d, before, after),
+        before=before,
+        after=after,
+        medians=medians,
+        rms=rms,
         references=[(name, f"{gain:+z.0f}") for name, gain in d.references.items()],
         evidence=_evidence_rows(d, before, after),
         acting=_acting_rows(d),
@@ -86,115 +108,9 @@ def html_page(d: Findings) -> str:
     )
 
 
-def _svg(draw: Callable[[Any], None]) -> bytes:
-    """A picture of one panel, the same bytes every time, without touching open figures."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    with mpl.rc_context({"svg.hashsalt": "dryfric-control", "font.size": 11.0}):
-        figure = Figure(figsize=_PANEL, layout="constrained")
-        axes = figure.subplots(1, 1)
-        draw(axes)
-        control_plot(np.array([axes], dtype=object))
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="svg", dpi=_DOTS, metadata={"Date": None})
-    return buffer.getvalue()
-
-
-def _pictures(d: Findings, before: Evidence, after: Evidence | None) -> list[dict[str, str]]:
-    """Panels with their words, for those who see them and those who do not."""
-    found: list[dict[str, str]] = []
-    force = before.axis.units[1]
-    # Of several records the curves are of one: each caption says of which.
-    of = wording.shown_record(d)
-    which = f" {of[0].upper()}{of[1:]}." if of else ""
-
-    def add(alt: str, caption: str, draw: Callable[..., None], *given: Any, **options: Any) -> None:
-        svg = base64.b64encode(_svg(lambda ax: draw(*given, ax, **options))).decode("ascii")
-        found.append({"svg": svg, "alt": alt, "caption": caption})
-
-    def by_side(text: Callable[[Evidence], str]) -> str:
-        sides = figures.shown(before, after)
-        return ", ".join(f"{text(side)} {name}" for side, _, name in sides)
-
-    add(
-        "Friction over velocity, nominal and with the causes, over the measured friction.",
-        "Friction over velocity; a band where it depends on position. Dots: measured "
-        f"force, net of inertia and other effects.{which}",
-        figures.draw_friction_curves, d, before, after,
-    )  # fmt: skip
-    add(
-        f"RMS error of every free run over time, median {by_side(_median)}.",
-        "Error of free runs, each from its most likely start. Grey: data used to judge or "
-        f"measure; white: data used to fit.{which}",
-        figures.draw_errors, d, before, after,
-    )  # fmt: skip
-    add(
-        "Simulated minus measured position over time, where the errors are among the largest.",
-        "Simulated minus measured position where the errors are among the largest. Dotted: "
-        f"restarts of the free runs.{which}",
-        figures.draw_difference, d, before, after,
-    )  # fmt: skip
-    if after is not None:
-        add(
-            "Simulated minus measured position with the causes, on its own scale.",
-            f"The same with the causes, on a scale of its own.{which}",
-            figures.draw_difference, d, before, after, nominal=False,
-        )  # fmt: skip
-    rms = f"RMS {by_side(lambda side: f'{side.force_rms:.3g} {force}')}"
-    hidden = wording.hidden_text(d, before.hidden)
-    what = {
-        "velocity": "Force residual over velocity: the force that the model needs in "
-        f"addition to its drive to move as measured; {rms}. Dots: nominal model; lines: medians. "
-        f"{hidden}",
-        "position": "The same over position, a line for each direction.",
-        "time": "The same over time.",
-        "reversal": "The same over the time since the last reversal.",
-    }
-    for by, caption in what.items():
-        over = by.replace("reversal", "time since reversal")
-        words = f"Force residual against {over}; {rms}."
-        add(words, caption.rstrip() + which, figures.draw_residual, before, after, by)
-    table = wording.level_table(d)
-    if wording.level_varies(table):
-        nominal, extended = (
-            wording.level_text(table, side, d.axis.units) for side in ("believed", "found")
-        )
-        add(
-            f"Coulomb level over position; nominal: {nominal}; with the causes: {extended}.",
-            "Coulomb level with every effect that changes it, without Stribeck peak and load, "
-            "over the range that the record covers. Marks show the direction: > forwards (x "
-            f"grows), < backwards.{which}",
-            figures.draw_levels, d,
-        )  # fmt: skip
-    times = figures.falls(d)
-    if figures.any_bar(d):
-        best = next(iter(times))
-        add(
-            f"Bars: {figures.MEASURE}, of each candidate alone; the "
-            f"longest: {titles_of(best)}, {plain(times[best])}.",
-            f"{figures.MEASURE.capitalize()}: the best candidates, each as the only cause, "
-            "compared with an axis whose mass, viscous friction and Coulomb level alone are "
-            f"refitted (below {LEAST:g}: chance). {figures.others_text(d)}",
-            figures.draw_candidates, d,
-        )  # fmt: skip
-    elif times:
-        found.append({"svg": "", "alt": "", "caption": figures.no_bar_text(d)})
-    add(
-        "Autocorrelation of the force residual over the lag, with the band of white noise.",
-        "White noise stays within the band, except at the shortest lags, where smoothing "
-        f"correlates it.{which}",
-        figures.draw_autocorrelation, before, after,
-    )  # fmt: skip
-    left = d.remaining
-    if left.frequency and left.rms > 0.0:
-        add(
-            f"Spectrum of the random force that is left, {left.rms:.3g} {left.unit} RMS.",
-            "Spectrum of the random force that is left with the causes in the model. A peak "
-            f"indicates a periodic cause, a rise towards low frequencies a slow one.{which}",
-            figures.draw_remaining, d,
-        )  # fmt: skip
-    return found
+def _force(side: Evidence) -> str:
+    """Force residual."""
+    return f"{side.force_rms:.3g} {side.axis.units[1]}"
 
 
 def _median(side: Evidence) -> str:
@@ -206,7 +122,7 @@ def _evidence_rows(d: Findings, before: Evidence, after: Evidence | None) -> lis
     length, force = before.axis.units
     sides = figures.shown(before, after)
     rows: dict[str, Callable[[Evidence], str]] = {
-        rotary_words("force residual, RMS", force): lambda side: f"{side.force_rms:.3g} {force}",
+        rotary_words("force residual, RMS", force): _force,
         "free runs, RMS error": lambda side: length_text(side.position_rms, length),
         "free runs, median error": _median,
         "stick/slip mismatch *": lambda side: percent(side.disagreement),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
-from dryfric_control.diagnosis.gain_or_base import GAIN
+from dryfric_control.diagnosis.causes import GAIN
 from dryfric_control.diagnosis.report.findings import (
     LATE,
     SMALL,
@@ -61,10 +61,8 @@ def check_text(d: Findings) -> str:
 def levels(axis: FrictionAxis, x: ArrayLike, direction: int) -> Floats:
     """Coulomb level in one direction at time zero, without load and Stribeck peak, shape (n,)."""
     acting = axis.effective()
-    alone = acting.replace(
-        stribeck=None, effects=tuple(e for e in acting.effects if e.action == "friction")
-    )
-    block = alone.mode(direction)
+    kept = tuple(e for e in acting.effects if e.action == "friction")
+    block = acting.replace(stribeck=None, effects=kept).mode(direction)
     places = np.atleast_1d(np.asarray(x, dtype=float))
     return np.array([direction * block.output(0.0, [place, 0.0], [0.0])[2] for place in places])
 
@@ -98,16 +96,13 @@ def level_text(table: dict[str, Any], side: str, units: tuple[str, str]) -> str:
     for _, way in WAYS:
         values = [f"{value:.3g} {force}" for value in table[side][way]]
         if len(set(values)) > 1:
-            values = [
-                f"{v} at x = {x:.3g} {length}" for v, x in zip(values, table["x"], strict=True)
-            ]
+            places = zip(values, table["x"], strict=True)
+            values = [f"{v} at x = {x:.3g} {length}" for v, x in places]
         ways.append(", ".join(dict.fromkeys(values)))
     if ways[0] == ways[1]:
         return f"{ways[0]}, both ways"
-    mark = ": " if "," in "".join(ways) else " "
-    return (";" if mark == ": " else ",").join(
-        f" {way}{mark}{words}" for (_, way), words in zip(WAYS, ways, strict=True)
-    )[1:]
+    mark, between = (": ", "; ") if "," in "".join(ways) else (" ", ", ")
+    return between.join(f"{way}{mark}{one}" for (_, way), one in zip(WAYS, ways, strict=True))
 
 
 def meaning(d: Findings, cause: Cause) -> list[str]:
@@ -119,9 +114,8 @@ def meaning(d: Findings, cause: Cause) -> list[str]:
         sides = []
         for axis in (d.extended, d.axis):
             one, other = (f"{viscous_coefficient(axis, s):.4g} {unit}" for s, _ in WAYS)
-            sides.append(
-                f"{one}, both ways" if one == other else f"forwards {one}, backwards {other}"
-            )
+            both = one == other
+            sides.append(f"{one}, both ways" if both else f"forwards {one}, backwards {other}")
         lines.append(f"viscous friction (x grows forwards): {sides[0]}; nominal: {sides[1]}")
     if effect is not None and effect.meaning(d.axis.units):
         lines.append(effect.meaning(d.axis.units))
@@ -140,11 +134,9 @@ def meaning(d: Findings, cause: Cause) -> list[str]:
 def acts_on_level(cause: Cause) -> bool:
     """Whether a cause makes the Coulomb level depend on place or direction."""
     effect = class_of(cause.effect)
-    return (
-        effect is not None
-        and effect.action == "friction"
-        and (effect.depends_on_direction or effect.depends_on_place)
-    )
+    if effect is None or effect.action != "friction":
+        return False
+    return bool(effect.depends_on_direction or effect.depends_on_place)
 
 
 def gain_title(d: Findings) -> str:
@@ -169,12 +161,11 @@ def gain_text(d: Findings) -> str:
 def places_text(d: Findings) -> str:
     """Where the remaining error occurs."""
     # What is said of several records alike is said once.
-    said: dict[str, list[str]] = {}
+    said: dict[str, str] = {}
     for place in d.unexplained.where:
         head, _, numbers = place.partition(": ")
-        said.setdefault(head, []).append(numbers)
-    words = (head + ": " * bool(numbers[0]) + ", ".join(numbers) for head, numbers in said.items())
-    return "; ".join(words) or "no clear location"
+        said[head] = f"{said[head]}, {numbers}" if head in said else place
+    return "; ".join(said.values()) or "no clear location"
 
 
 def next_steps(d: Findings) -> list[str]:
@@ -200,7 +191,7 @@ def next_steps(d: Findings) -> list[str]:
     for cause in d.main_causes:
         if cause.alternatives and d.next_experiment is None:
             pair = f"{cause.title} from {' or '.join(map(titles_of, cause.alternatives))}"
-            if any(GAIN in other.split("+") for other in (cause.effect, *cause.alternatives)):
+            if GAIN in "+".join((cause.effect, *cause.alternatives)).split("+"):
                 by_force.append(pair)
             else:
                 steps.append(f"Separate {pair}. {cause.experiment}")
@@ -253,8 +244,7 @@ def summary_lines(d: Findings) -> list[str]:
     small = d.small_corrections
     if small:
         lines.append(f"small corrections of nominal values ({100.0 * SMALL:g} % or less):")
-    for cause in small:
-        lines.append(f"    {cause_text(cause, d.axis)}")
+    lines += [f"    {cause_text(cause, d.axis)}" for cause in small]
     lines.append(f"{gain_title(d)}: {gain_text(d)}")
     if d.unexplained.significant:
         lines.append("unexplained: " + places_text(d))
@@ -272,19 +262,15 @@ def further_lines(d: Findings) -> list[str]:
     if d.remaining.rms > 0.0:
         lines.append(d.remaining.headline)
     if d.references:
-        names = ", ".join(f"{name} {gain:+z.0f}" for name, gain in d.references.items())
-        lines.append(
-            f"gain of log-likelihood over references (positive: better than the reference): {names}"
-        )
+        head = "gain of log-likelihood over references (positive: better than the reference)"
+        gains = ", ".join(f"{name} {gain:+z.0f}" for name, gain in d.references.items())
+        lines.append(f"{head}: {gains}")
     if moved := also_moved(d):
+        head = "also changed in the extended model, by less than the remaining force shows"
         changes = ", ".join(f"{name} {100.0 * part:+.2g} %" for name, part in moved.items())
-        lines.append(
-            f"also changed in the extended model, by less than the remaining force shows: {changes}"
-        )
+        lines.append(f"{head}: {changes}")
     for name, found in d.varies.items():
-        values = ", ".join(
-            with_error(v, e) for v, e in zip(found["values"], found["standard_errors"], strict=True)
-        )
+        values = ", ".join(map(with_error, found["values"], found["standard_errors"]))
         least, most = min(found["values"], key=abs), max(found["values"], key=abs)
         ratio = f" (largest: {most / least:.3g} of the smallest)" if least * most > 0.0 else ""
         lines.append(f"differs from record to record: {name} = {values}{ratio}")

@@ -24,7 +24,6 @@ class Factor(Effect):
         Parameters
         ----------
         axis : FrictionAxis
-            The axis that has the effect.
         """
         return axis.replace(**{self.base: self.factor * getattr(axis, self.base)})
 
@@ -53,13 +52,8 @@ class Inertia(Factor):
     slug = "inertia"
     title = "inertia error"
     base = "mass"
-    explanation = (
-        "The moving mass is larger or smaller than assumed: a workpiece, a coupling, or a wrong "
-        "gear ratio."
-    )
-    experiment = (
-        "Accelerate hard in both directions while sliding: force over acceleration is the mass."
-    )
+    explanation = "The moving mass differs from the assumed one: a workpiece, a coupling, a gear."
+    experiment = "Accelerate hard both ways while sliding: force over acceleration is the mass."
 
 
 @register_effect
@@ -86,13 +80,8 @@ class ViscousFriction(Factor):
     slug = "viscous"
     title = "viscous friction error"
     base = "viscous"
-    explanation = (
-        "Viscous friction differs from the assumed value: other grease, another "
-        "temperature, a new seal."
-    )
-    experiment = (
-        "Run at several constant velocities: the slope of force over velocity is the coefficient."
-    )
+    explanation = "Viscous friction differs from the assumed one: grease, temperature, a new seal."
+    experiment = "Run at several constant velocities: force over velocity has it as its slope."
 
 
 @register_effect
@@ -120,12 +109,9 @@ class CoulombFriction(Factor):
     title = "Coulomb level error"
     base = "coulomb"
     explanation = (
-        "Dry friction as a whole is higher or lower than assumed: preload, wear, lubrication."
+        "Dry friction as a whole differs from the assumed one: preload, wear, lubrication."
     )
-    experiment = (
-        "Crawl in both directions at the same speed: half the difference of the forces is the "
-        "level."
-    )
+    experiment = "Crawl both ways at one speed: half the difference of the forces is the level."
 
     def alter(self, axis: BaseAxis) -> BaseAxis:
         return axis.replace(coulomb=axis.coulomb.scaled(self.factor))
@@ -172,9 +158,7 @@ class StribeckPeak(Effect):
         "At low velocity the oil film breaks down and friction rises: breakaway takes more force "
         "than sliding."
     )
-    experiment = (
-        "Crawl ever more slowly under a soft position loop: the axis starts to stick and slip."
-    )
+    experiment = "Crawl ever more slowly in a soft position loop: the axis sticks and slips."
 
     def alter(self, axis: BaseAxis) -> BaseAxis:
         """Axis with this peak.
@@ -182,7 +166,6 @@ class StribeckPeak(Effect):
         Parameters
         ----------
         axis : FrictionAxis
-            The axis that has the effect.
         """
         return axis.replace(stribeck=Stribeck(self.excess, self.speed))
 

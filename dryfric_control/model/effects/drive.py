@@ -51,10 +51,7 @@ class InputDelay(Effect):
     depends_on_place = False
     remembers = True
     rank = 5
-    explanation = (
-        "The drive acts with a delay: computing time, a field bus, or the dead time of a current "
-        "loop."
-    )
+    explanation = "The drive acts with a delay: computing time, a field bus, a current loop."
     experiment = (
         "Step the force while sliding and compare the time of the change in slope of the velocity "
         "with the command."
@@ -100,9 +97,7 @@ class ActuatorLag(Effect):
     remembers = True
     rank = 6
     explanation = "The force builds up gradually: inductance of the winding, or stroke of a valve."
-    experiment = (
-        "Step the force while sliding: the acceleration rises gradually, not after a pause."
-    )
+    experiment = "Step the force while sliding: acceleration rises gradually, not after a pause."
 
     def inner(self, axis: BaseAxis) -> Inner:
         # Its time constant.
@@ -147,9 +142,7 @@ class InputGain(Effect):
     action = "input"
     rank = 2
     trades = ("mass", "add a known mass, or measure the force, to separate them")
-    explanation = (
-        "The drive gives more or less force than assumed: wrong torque constant or scaling."
-    )
+    explanation = "The drive gives another force than assumed: wrong torque constant or scaling."
     experiment = "Hang a known weight on the axis and read the command that balances it."
 
     @staticmethod
@@ -188,12 +181,8 @@ class DeadZone(Effect):
     title = "dead zone"
     action = "input"
     rank = 11
-    explanation = (
-        "The drive does not respond to small commands: valve overlap, or dead time of a bridge."
-    )
-    experiment = (
-        "Sweep the command slowly through zero while the axis is pushed by a constant load."
-    )
+    explanation = "The drive ignores small commands: valve overlap, or dead time of a bridge."
+    experiment = "Sweep the command slowly through zero while a constant load pushes the axis."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]

@@ -1,10 +1,4 @@
-"""What a physical effect is, and the register of all that are known.
-
-The class of an effect states what it is called, its parameters with units and
-bounds, the compiled law by which it acts, what it is in plain words, and the
-experiment that would expose it.  Simulation, fitting, diagnosis and the
-documentation all read the same class.
-"""
+"""What a physical effect is, and the register of all that are known."""
 
 from __future__ import annotations
 
@@ -37,7 +31,14 @@ ACTIONS = (
     *("axis", "delay", "lag", "contact", "transmission"),
 )
 _BY_LAW = ACTIONS[:4]
-_METHODS = {"axis": "alter", **dict.fromkeys(ACTIONS[5:], "inner")}
+#: The method that an action needs.
+_METHODS = {
+    **dict.fromkeys(_BY_LAW, ("law", "a static method law(t, x, v, u, ..., p)")),
+    "axis": ("alter", "a method alter(axis) that returns a FrictionAxis"),
+    **dict.fromkeys(
+        ACTIONS[5:], ("inner", "a method inner(axis) that returns dfc.effects.Inner(...)")
+    ),
+}
 
 #: What a parameter is, and the range in which a diagnosis searches it if that is
 #: narrower than its bounds: a load next to nothing is an elastic contact, and a
@@ -78,22 +79,18 @@ def parameter(
     default : float, optional
         Value when the user gives none.
     kind : {"amount", "place", "angle", "share", "time", "speed"}, optional
-        "place": a position; "angle": a phase.  A change of either has no
-        percentage.  "share": part of the mass, between 0 and 1.  "time": by how
-        much the drive acts late.  "speed": that of sliding, over which something fades,
-        which a record cannot show far below an increment a sample.  "amount": any other.
+        "place": a position; "angle": a phase.  A change of either has no percentage.  "share":
+        part of the mass, 0 to 1.  "time": by how much the drive acts late.  "speed": that of
+        sliding over which something fades.  "amount": any other.
     free : bool, optional
-        Whether the effect's name stands for it among others, in a fit and in a
-        diagnosis; else it stays where it is unless it is named itself.
+        Whether the name of the effect includes it in a fit and in a diagnosis; else it stays
+        where it is unless it is named itself.
     breaks_away : bool, optional
-        Whether it acts at breakaway alone, which makes the cost of a fit
-        rugged: it is fitted from several starts and with longer steps.
+        Whether it acts at breakaway alone: it is fitted from several starts and with longer steps.
     logarithmic : bool, optional
-        Whether a fit searches it on a logarithmic scale: what is positive, of
-        unknown magnitude.
+        Whether a fit searches it on a logarithmic scale.
     neutral : float, optional
-        Value with which the effect does nothing, where there is no default;
-        None if there is none.
+        Value with which the effect does nothing, where there is no default; None if none does.
     size : float, optional
         Change that matters.  Default: the value a fit starts from.
 
@@ -123,18 +120,13 @@ def parameter(
         finite("neutral", neutral)
     if size is not None:
         positive("size", size)
-    metadata = {
-        "unit": unit, "doc": doc, "bounds": (low, high), "kind": kind, "free": free,
-        "breaks_away": breaks_away, "logarithmic": logarithmic, "neutral": neutral, "size": size,
-        "optional": default is not None,
-    }  # fmt: skip
-    return field(default=MISSING if default is None else default, metadata=metadata)
+    said: dict[str, Any] = {"unit": unit, "doc": doc, "bounds": (low, high), "kind": kind}
+    said |= flags | {"neutral": neutral, "size": size, "optional": default is not None}
+    return field(default=MISSING if default is None else default, metadata=said)
 
 
 class Inner(NamedTuple):
     """Numbers of delay, lag, contact and transmission.
-
-    What `Effect.inner` returns: of that which has a state of its own.
 
     Parameters
     ----------
@@ -193,32 +185,22 @@ def read_by(law: Any) -> set[str]:
 class Effect:
     """Base of every physical effect.
 
-    A subclass is a frozen dataclass whose fields are declared with `parameter`; its docstring
-    repeats them before the Notes.  It sets `slug`, `title`, `action`, `explanation` and
-    `experiment`, and, for the actions "input", "force", "friction" and "reading", a static method
-    `law`; for "axis" a method ``alter(axis)`` that returns the axis with other base parameters; for
-    "delay", "lag", "contact" and "transmission" a method ``inner(axis)`` that returns an `Inner`.
-    A law that oscillates along the travel or in time states `shortest_length` and `shortest_time`,
-    and one that repeats its `periods`.
+    A subclass is a frozen dataclass whose fields are declared with `parameter`, with a `law`, or a
+    method `alter` or `inner`; the guide to an effect of your own says what it sets.
 
     Notes
     -----
-    ``law(t, x, v, u, level, direction, rest, p)`` returns, by `action`:
+    ``law(t, x, v, u, level, direction, rest, p)``, with the parameters p in the order of the
+    fields, is compiled once, whatever the combination of effects.  It returns, by `action`:
 
     - "force": a force added to the drive [N]; `u` is the drive force;
-    - "friction": an addition to the Coulomb level [N]; `level` is that level
-      here and in this `direction`, `u` the load of the transmission, which is the drive
-      less the force effects, `rest` the time at rest.
-      The Stribeck peak raises what it adds, unless `within_peak` is false; of those that it
-      raises, `level` contains what the ones before add, those that depend on the direction
-      first: shares of the level multiply;
+    - "friction": an addition to the Coulomb level [N]; `level` is that level here and in this
+      `direction`, `u` the load of the transmission, which is the drive less the force effects,
+      `rest` the time at rest.  The Stribeck peak raises what it adds, unless `within_peak` is
+      false; of those that it raises, `level` contains what the ones before add, those that depend
+      on the direction first: shares of the level multiply;
     - "input": the drive force that replaces `u` [N];
-    - "reading": an addition to the encoder reading [m]; it must change by less than
-      the position.
-
-    `p` contains the parameters in the order of the fields.  The law is compiled
-    once for itself; no combination of effects costs a further compilation, and
-    one call costs a few nanoseconds.
+    - "reading": an addition to the encoder reading [m]; it must change by less than the position.
 
     Examples
     --------
@@ -290,11 +272,7 @@ class Effect:
 
     @property
     def shortest_length(self) -> float:
-        """Length over which the law may oscillate, inf where it does not.
-
-        Integration steps are not longer: otherwise every stage could see a law that repeats
-        with position at the same phase.
-        """
+        """Length over which the law may oscillate, inf where it does not: the longest step."""
         return math.inf
 
     @property
@@ -309,11 +287,8 @@ class Effect:
 
     @property
     def periods(self) -> tuple[float, float]:
-        """Time [s] and length after which the law repeats, inf where it does not.
-
-        C in single precision leaves out whole periods, so that it stays accurate after
-        hours and far from zero.
-        """
+        """Time [s] and length after which the law repeats, inf where it does not."""
+        # C in single precision leaves out whole periods: it stays accurate far from zero.
         return math.inf, math.inf
 
     @classmethod
@@ -328,13 +303,10 @@ class Effect:
         Parameters
         ----------
         units : tuple of str, optional
-            Units of position and force of the axis, its `units`.
         """
         return {
-            item.name: item.metadata["unit"]
-            if item.metadata["kind"] == "angle"
-            else on_axis(item.metadata["unit"], units)
-            for item in fields(cls)
+            name: said["unit"] if said["kind"] == "angle" else on_axis(said["unit"], units)
+            for name, said in cls.parameters().items()
         }
 
     @classmethod
@@ -391,8 +363,6 @@ class Effect:
     def columns(cls, view: View) -> Iterator[Column]:
         """What it adds to a model: a column for each of its shapes.
 
-        By default its law at parts of the typical size of each unit, in every combination.
-
         Parameters
         ----------
         view : View
@@ -401,15 +371,11 @@ class Effect:
         yield from by_law(cls, view)
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
-        """Distance [m] and time [s] in which it is no force.
-
-        They begin at a reversal of the motion, or of the force that a transmission carries, or at
-        a start; both are 0 for an effect that is a force at every sample.
+        """Distance [m] and time [s] after a reversal without its force.
 
         Parameters
         ----------
         axis : FrictionAxis
-            The axis that has the effect, its base parameters those that act.
         force : float
             RMS of the drive force [N].
         """
@@ -421,7 +387,6 @@ class Effect:
         Parameters
         ----------
         axis : FrictionAxis
-            The axis that has it.
         """
         return True
 
@@ -453,7 +418,6 @@ class Effect:
         Parameters
         ----------
         units : tuple of str
-            Units of position and force of the axis.
         """
         return ""
 
@@ -463,12 +427,9 @@ class Effect:
         Parameters
         ----------
         units : tuple of str, optional
-            Units of position and force of the axis, its `units`.
         """
-        parts = []
-        for name, unit in self.units(units).items():
-            suffix = "" if unit == "1" else f" {unit}"
-            parts.append(f"{name} = {getattr(self, name):.6g}{suffix}")
+        shown = {name: "" if u == "1" else f" {u}" for name, u in self.units(units).items()}
+        parts = (f"{name} = {getattr(self, name):.6g}{unit}" for name, unit in shown.items())
         return f"{self.slug}: {', '.join(parts)}"
 
 
@@ -484,13 +445,8 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     Parameters
     ----------
     cls : type of Effect
-
-    Raises
-    ------
-    ValueError
-        If the class lacks a slug, a known action, a law, an `alter` or an `inner`,
-        takes the slug of another effect, or its law reads a parameter that it does
-        not declare.
+        A ValueError if it lacks a slug, a known action, a law, an `alter` or an `inner`, takes the
+        slug of another effect, or its law reads a parameter that it does not declare.
 
     Examples
     --------
@@ -514,24 +470,18 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
         raise ValueError(
             f"register_effect takes a class that derives from dfc.effects.Effect, got {cls!r}"
         )
-    if not isinstance(cls.slug, str) or not cls.slug.isidentifier():
-        raise ValueError(f"{cls.__name__}.slug must be a lower-case word, got {cls.slug!r}")
-    if cls.slug.rpartition("_")[2].isdecimal():
-        raise ValueError(
-            f"{cls.__name__}.slug must not end in a number, which counts effects of one kind in "
-            f"an axis, got {cls.slug!r}"
-        )
+    own, slug = cls.__name__, cls.slug
+    if not isinstance(slug, str) or not slug.isidentifier() or slug.rpartition("_")[2].isdecimal():
+        raise ValueError(f"{own}.slug must be a lower-case word, no number behind it, got {slug!r}")
     if cls.action not in ACTIONS:
-        raise ValueError(f"{cls.__name__}.action must be one of {ACTIONS}, got {cls.action!r}")
-    if cls.action in _BY_LAW and not callable(getattr(cls, "law", None)):
-        raise ValueError(f"{cls.__name__} needs a static method law(t, x, v, u, ..., p)")
-    known = REGISTRY.get(cls.slug)
+        raise ValueError(f"{own}.action must be one of {ACTIONS}, got {cls.action!r}")
+    known = REGISTRY.get(slug)
     if known is not None and known.__qualname__ != cls.__qualname__:
-        raise ValueError(f"slug {cls.slug!r} belongs to {known.__name__}: choose another")
-    method = _METHODS.get(cls.action)
-    if method is not None and getattr(cls, method, None) in (None, Effect.inner):
-        returns = {"alter": "a FrictionAxis", "inner": "dfc.effects.Inner(...)"}[method]
-        raise ValueError(f"{cls.__name__} needs a method {method}(axis) that returns {returns}")
+        raise ValueError(f"slug {slug!r} belongs to {known.__name__}: choose another")
+    method, needed = _METHODS[cls.action]
+    found = getattr(cls, method, None)
+    if not callable(found) or found is Effect.inner:
+        raise ValueError(f"{own} needs {needed}")
     _check_numbers(cls)
     _document_parameters(cls)
     REGISTRY[cls.slug] = cls

@@ -35,9 +35,9 @@ class Presliding(Effect):
 
     Prandtl's element: elastic up to the friction level, at which it slides; when the motion
     reverses, the contact unloads from its present state.  Fc is one constant level, the mean
-    of both directions in the middle of the travel.  Mode 0 is the elastic
-    phase: the axis moves in it, ``m v' = w - f v - F``, and stick velocity and
-    stuck-mode decay rate are not used.  A simulation starts with the contact unstrained.
+    of both directions in the middle of the travel.  Mode 0 is the elastic phase: the axis moves in
+    it, ``m v' = w - f v - F``, and stick velocity and stuck-mode decay rate are not used.  A
+    simulation starts with the contact unstrained.
 
     Examples
     --------
@@ -62,12 +62,8 @@ class Presliding(Effect):
     depends_on_place = False
     remembers = True
     rank = 18
-    explanation = (
-        "Before breakaway the contact is elastic: the axis moves by micrometres and springs back."
-    )
-    experiment = (
-        "Raise and lower the force slowly below breakaway: the position follows a hysteresis loop."
-    )
+    explanation = "Before breakaway the contact is elastic: the axis moves a little, and back."
+    experiment = "Raise and lower the force slowly below breakaway: the position has a hysteresis."
 
     def inner(self, axis: BaseAxis) -> Inner:
         # Stiffness of the contact, none without a Coulomb level.
@@ -106,9 +102,9 @@ class Backlash(Effect):
     (and adds it to one against it: lambda is negative then); without such friction momentum is
     conserved.  Coulomb level and drive do nothing in no time, and nothing rebounds.
 
-    Position and velocity are the motor's, friction and mode the load's.  A
-    simulation starts with the motor in the middle of the gap.  In contact the
-    net force on both masses counts for a friction that depends on it.
+    Position and velocity are the motor's, friction and mode the load's.  A simulation starts with
+    the motor in the middle of the gap.  In contact the net force on both masses counts for a
+    friction that depends on it.
 
     Examples
     --------
@@ -138,9 +134,7 @@ class Backlash(Effect):
         "There is free play between motor and load: after each reversal the motor crosses the gap, "
         "then strikes the load."
     )
-    experiment = (
-        "Reverse slowly under a small force: the motor crosses the gap before the force rises."
-    )
+    experiment = "Reverse slowly with a small force: the motor crosses the gap before it rises."
 
     def inner(self, axis: BaseAxis) -> Inner:
         # Play and load.
@@ -209,11 +203,10 @@ class Compliance(Effect):
     -----
     .. math:: F_t = \text{stiffness} \cdot (x - x_l) + \text{damping} \cdot (v - v_l)
 
-    The motor, (1 - load_fraction) m, carries drive and encoder; the load, load_fraction m, at
-    x_l, carries all friction and all force effects.  Position and velocity
-    are the motor's, friction and mode the load's.  A simulation starts with
-    the transmission unstrained.  The integration steps are a fraction of its
-    natural period while it oscillates: a very stiff one costs time.
+    The motor, (1 - load_fraction) m, carries drive and encoder; the load, load_fraction m, at x_l,
+    carries all friction and all force effects.  Position and velocity are the motor's, friction and
+    mode the load's.  A simulation starts with the transmission unstrained.  A very stiff one costs
+    time: the steps are a fraction of its natural period.
 
     Examples
     --------
@@ -245,9 +238,7 @@ class Compliance(Effect):
         "A belt, a long screw or a soft coupling between motor and load is elastic: the two "
         "oscillate against each other."
     )
-    experiment = (
-        "Step the force while sliding: the motor's velocity rings at the natural frequency."
-    )
+    experiment = "Step the force while sliding: the velocity rings at the natural frequency."
 
     def inner(self, axis: BaseAxis) -> Inner:
         # Spring, damper and load.

@@ -59,9 +59,7 @@ class BiasForce(Effect):
         "A constant force pulls the axis to one side: gravity on a slope, a preloaded "
         "cable, or an offset of the amplifier."
     )
-    experiment = (
-        "Crawl in both directions at the same speed: the two levels differ by twice the bias."
-    )
+    experiment = "Crawl both ways at the same speed: the two levels differ by twice the bias."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -102,9 +100,7 @@ class ViscousAsymmetry(Effect):
     depends_on_direction = True
     rank = 17
     explanation = "Viscous friction is larger in one direction: a lip seal or a one-sided oil film."
-    experiment = (
-        "Run at several constant velocities in both directions and compare the slopes of the force."
-    )
+    experiment = "Run at several constant velocities both ways and compare the slopes of the force."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -146,11 +142,9 @@ class QuadraticDrag(Effect):
     action = "force"
     rank = 4
     explanation = (
-        "Air or liquid is displaced, so the resistance grows with the square of the velocity."
+        "Air or liquid is displaced: the resistance grows with the square of the velocity."
     )
-    experiment = (
-        "Run at several constant velocities up to the highest: the force curve bends upwards."
-    )
+    experiment = "Run at constant velocities up to the highest: the force curve bends upwards."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -244,9 +238,7 @@ class EndStop(Effect):
     action = "force"
     rank = 18
     explanation = "The axis runs into a stop, a buffer or a cable at an end of its travel."
-    experiment = (
-        "Push the axis slowly against each end: from one position on the force rises with position."
-    )
+    experiment = "Push the axis slowly against each end: from one position on the force rises."
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -325,9 +317,7 @@ class Gravity(Effect):
     title = "gravity on a rotary axis"
     action = "force"
     rank = 15
-    explanation = (
-        "The weight of the arm acts as a torque that follows the sine of its angle from hanging."
-    )
+    explanation = "The weight of the arm is a torque with the sine of its angle from hanging."
     experiment = "Crawl through a full turn: the mean of the two directions is a sine of the angle."
 
     @property
@@ -380,10 +370,7 @@ class Cogging(Effect):
     action = "force"
     rank = 13
     repeats = True
-    explanation = (
-        "The magnets of the motor, or the pitch of a screw, cause a force that is periodic in "
-        "position."
-    )
+    explanation = "The magnets of the motor, or the pitch of a screw, cause a force that repeats."
     experiment = "Crawl slowly over many pitches: the force ripples with position, not with time."
 
     @property

@@ -47,9 +47,7 @@ class CoulombAsymmetry(Effect):
     depends_on_direction = True
     rank = 16
     trades = BiasForce.trades
-    explanation = (
-        "Dry friction is larger in one direction: worn or preloaded contact, a wedge, a brush."
-    )
+    explanation = "Dry friction is larger in one direction: a worn or preloaded contact, a wedge."
     experiment = (
         "Crawl in both directions at the same speed and compare the levels; tilt the axis to "
         "separate it from a bias."
@@ -135,13 +133,10 @@ class LoadDependence(Effect):
     -----
     .. math:: F_c \to F_c + \text{coefficient} \cdot {|u - e|}
 
-    with the drive u and the sum e of the force effects: a weight that the drive holds
-    presses the teeth together from both sides, as in the load-dependent model of
-    Duclusaud, Passault, Padois and Ly (2025).  The Stribeck peak does not raise this
-    part: it is the friction of another contact.
-
-    Behind a play or a compliance u is what the transmission carries: without the inertia
-    of the motor, and nothing inside the play.
+    with the drive u and the sum e of the force effects, as in the load-dependent model of
+    Duclusaud, Passault, Padois and Ly (2025).  The Stribeck peak does not raise this part: it is
+    the friction of another contact.  Behind a play or a compliance u is what the transmission
+    carries: without the inertia of the motor, and nothing inside the play.
 
     Examples
     --------
@@ -161,12 +156,8 @@ class LoadDependence(Effect):
     action = "friction"
     within_peak = False
     rank = 10
-    explanation = (
-        "The force transmitted by the gear or screw presses its teeth together and adds friction."
-    )
-    experiment = (
-        "Repeat a motion with different loads, including braking: friction follows the load."
-    )
+    explanation = "The force transmitted by a gear or screw presses its teeth together: friction."
+    experiment = "Repeat a motion with different loads, also braking: friction follows the load."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -210,10 +201,8 @@ class LoadAsymmetry(Effect):
     .. math:: F_c \to F_c + s \cdot \text{coefficient} \cdot {|u - e|}, \quad s = \pm 1
         \text{ the direction}
 
-    with the drive u and the sum e of the force effects.
-
-    With `LoadDependence`, each direction has its own coefficient.  The
-    Stribeck peak does not raise this part, and no level falls below zero.
+    with the drive u and the sum e of the force effects.  The Stribeck peak does not raise this
+    part, and no level falls below zero.
 
     Examples
     --------
@@ -237,13 +226,10 @@ class LoadAsymmetry(Effect):
     within_peak = False
     rank = 17
     explanation = (
-        "The force transmitted by a worm or a screw presses its flanks together, one flank more "
-        "than the other: friction depends on the load more in one direction than in the other."
+        "The force transmitted by a worm or a screw presses one flank more than the other: "
+        "friction depends on the load more in one direction."
     )
-    experiment = (
-        "Repeat a motion in both directions with different loads: friction over load has two "
-        "slopes."
-    )
+    experiment = "Repeat a motion both ways under other loads: friction over load has two slopes."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -267,8 +253,7 @@ class StribeckAsymmetry(Effect):
 
     F_c is the level of the axis' own Coulomb map, at that place and in that direction: neither
     the Stribeck peak nor what other effects add counts.  With a Stribeck peak of the same
-    velocity, each direction has its own excess, difference added to or subtracted from it;
-    without one, friction at low velocity is higher in one direction and lower in the other.
+    velocity, each direction has its own excess, difference added to or subtracted from it.
 
     Examples
     --------
@@ -331,11 +316,8 @@ class VelocityStrengthening(Effect):
         (1 - \tanh({|v|}/\text{speed}))\right)
 
     F_c is the level of the axis' own Coulomb map, at that place and in that direction: neither
-    the Stribeck peak nor what other effects add counts, so that a peak of excess sigma leaves
-    (1 + sigma - deficit) F_c at rest.
-
-    The opposite of a Stribeck peak: at constant force motion is stable at every velocity, and
-    an axis does not stick and slip.
+    the Stribeck peak nor what other effects add counts.  At constant force motion is stable at
+    every velocity: an axis does not stick and slip.
 
     Examples
     --------
@@ -520,9 +502,7 @@ class DwellTime(Effect):
     within_peak = False
     remembers = True
     rank = 19
-    explanation = (
-        "At rest the contacts creep together and oil is squeezed out: the breakaway force grows."
-    )
+    explanation = "At rest contacts creep together, oil is squeezed out: the breakaway force grows."
     experiment = "Break away after rests of different lengths with the same slow ramp of force."
 
     @staticmethod

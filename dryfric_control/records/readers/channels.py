@@ -14,7 +14,7 @@ import numpy as np
 
 from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.record_warning import warn
-from dryfric_control.records.scaling import Scaling
+from dryfric_control.records.scaling import Gain, Scaling
 from dryfric_control.text import did_you_mean, see
 from dryfric_control.units import known_unit, si_unit
 
@@ -24,9 +24,8 @@ EXACT = 2**53  # beyond, float64 leaves whole numbers out
 #: Channels that are kept with a record beside those that it needs.
 EXTRAS = ("v", "a", "x2")
 
-# What a column is called, and how what was measured and what was asked for are marked.  German,
-# French, Spanish, Italian, Portuguese, Dutch and others without accents; Russian, Chinese,
-# Japanese and Korean.
+# What a column is called, and how what was measured and what was asked for are marked: in languages
+# of Europe without accents, in Russian, Chinese, Japanese and Korean.
 _POSITION = ("x", "pos", "position", "q", "angle", "theta", "phi", "enc", "encoder", "weg",
              "lage", "winkel", "hub", "stroke", "joint_position", "joint_pos", "joint_angle",
              "axis_position", "posicion", "posizione", "posicao", "positie", "angulo", "angolo",
@@ -94,8 +93,7 @@ NAMES = {
     "good": (("good",),),
 }  # fmt: skip
 _ROLES = {n: role for role, groups in NAMES.items() for names in groups for n in names}
-# Words that say of which machine a channel is, not what it is; letters that programmers of
-# controllers put before a name.
+# Words that say of which machine a channel is; letters that programmers put before a name.
 _FILLING = {"joint", "joints", "axis", "axes", "j", "jnt", "achse", "gelenk", "motor", "servo",
             "link", "drive", "actuator", "state", "states", "value", "wert", "main", "gvl",
             "encoder", "controller", "nm"}  # fmt: skip
@@ -326,8 +324,7 @@ def _find_column(role: str, wanted: Any, headings: list[str], names: list[str], 
     if isinstance(wanted, int) and not isinstance(wanted, bool):
         if not -len(headings) <= wanted < len(headings):
             raise ValueError(
-                f"columns[{role!r}] = {wanted}: {where} has {len(headings)} columns, "
-                f"0 to {len(headings) - 1}"
+                f"columns[{role!r}] = {wanted}: {where} has columns 0 to {len(headings) - 1}"
             )
         return wanted % len(headings)
     if not isinstance(wanted, str):
@@ -379,9 +376,7 @@ def units_by_role(units: Any) -> dict[str, Any]:
     return dict(units or {})
 
 
-def to_si(
-    found: Channels, gain: float | Mapping[str, float] | Scaling, declared: Any = None
-) -> Channels:
+def to_si(found: Channels, gain: Gain, declared: Any = None) -> Channels:
     """Channels in SI units with the gains applied; `declared`: units as stored or of products."""
     scaling = Scaling.of(gain)
     said_units = units_by_role(declared)
@@ -431,9 +426,7 @@ def _conversion(
     if said and not turned:
         more, said_si = si_unit(role, said)
         if si and (si, factor) != (said_si, more):
-            raise ValueError(
-                f"{where} gives {role} in {unit!r}, units= says {said!r}; leave one out"
-            )
+            raise ValueError(f"{where} gives {role} in {unit!r}, units= says {said!r}; omit one")
         factor, si = (factor if si else factor * more), said_si
         unit = unit or (said if own is None else "")
     if own is None and (found := scaling.conversion(role, si)):

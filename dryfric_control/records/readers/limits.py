@@ -13,10 +13,7 @@ _ROOM, _RATIO = 2**26, 100
 
 def too_long(where: str, max_rows: int) -> str:
     """What to say of a source of too many rows."""
-    return (
-        f"{where} has more than {max_rows} rows; cut or decimate it first, "
-        "or allow more with max_rows="
-    )
+    return f"{where} has more than {max_rows} rows; cut or decimate it, or allow more by max_rows="
 
 
 @contextmanager

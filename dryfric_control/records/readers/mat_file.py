@@ -23,8 +23,7 @@ _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"
           13: "u8"}  # fmt: skip
 _MATRIX, _COMPRESSED = 14, 15
 _STRUCT, _NUMERIC = 2, range(6, 16)
-# Bytes that compressed variables may hold together: a constant channel shrinks a thousand times, a
-# file of measured data not a hundred.
+# Bytes that compressed variables may hold together: a file of measured data shrinks less.
 _ROOM, _RATIO = 2**26, 100
 _DEPTH = 8
 

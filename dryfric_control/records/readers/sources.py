@@ -19,16 +19,15 @@ from dryfric_control.records.readers.mat_file import read_mat
 from dryfric_control.records.readers.mcap_log import read_mcap
 from dryfric_control.records.readers.tables import read_frame, read_json_lines, read_numpy
 from dryfric_control.records.readers.text_file import SUFFIXES, read_column, read_text
-from dryfric_control.records.scaling import Scaling
+from dryfric_control.records.scaling import Gain
 from dryfric_control.store.files import existing_file
 
 _SOUND = 0.8  # part of a channel that must be numbers; those that are not are bridged
 
 
 def read_channels(
-    source: Any, wanted: Wanted, gain: float | Mapping[str, float] | Scaling, units: Any,
-    step: float | None,
-) -> Channels:  # fmt: skip
+    source: Any, wanted: Wanted, gain: Gain, units: Any, step: float | None
+) -> Channels:
     """Channels of a file, data frame or mapping in SI; `step` [s] of one without stamps."""
     most = wanted.max_rows
     if isinstance(most, bool) or not isinstance(most, int) or most < 1:

@@ -64,9 +64,7 @@ def read_json_lines(path: Path, max_rows: int) -> dict[str, Any]:
         rows += 1
         if rows > max_rows:
             raise ValueError(too_long(path.name, max_rows))
-    return {
-        key: np.array(column + [np.nan] * (rows - len(column))) for key, column in found.items()
-    }
+    return {key: np.array(one + [np.nan] * (rows - len(one))) for key, one in found.items()}
 
 
 def numbers(prefix: str, content: Any, depth: int) -> Iterator[tuple[str, float]]:

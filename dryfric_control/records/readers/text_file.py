@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 import datetime
+import functools
 import gzip
-import io
 import itertools
 import json
 import math
@@ -19,16 +19,8 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from dryfric_control.records.readers.channels import (
-    EXACT,
-    EXTRAS,
-    Channels,
-    Wanted,
-    assign_columns,
-    left_out,
-    own_notes,
-    split_header,
-)
+from dryfric_control.records.readers import channels
+from dryfric_control.records.readers.channels import EXTRAS, Channels, Wanted, split_header
 from dryfric_control.records.readers.limits import too_long
 from dryfric_control.records.record_warning import warn
 from dryfric_control.units import known_unit
@@ -96,11 +88,14 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
     text = _Text(path, wanted)
     parts: list[list[_Array]] = []
     above = rows = 0
-    for chunk, last in _chunks(text):
+    content = _content(text)
+    chunk = list(itertools.islice(content, _CHUNK))
+    while chunk:
+        following = list(itertools.islice(content, _CHUNK))
         if not text.headings:
             above = _lay_out(text, chunk)
             chunk = chunk[above:]
-        if last and (why := _cut_off(text, chunk)):
+        if not following and (why := _cut_off(text, chunk)):
             warn(f"{text.name}: row {chunk[-1][0]}, the last, {why}: cut off, and left out")
             chunk = chunk[:-1]
         rows += len(chunk)
@@ -108,6 +103,7 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
             raise ValueError(too_long(text.name, wanted.max_rows))
         if chunk:
             parts.append(_parse(text, chunk))
+        chunk = following
     if not text.headings:
         raise ValueError(f"{text.name} holds no data, only blank or comment lines")
     if not parts:
@@ -126,21 +122,17 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
         values["t"], units["t"] = _over_midnight(values["t"]), "ns"
     if own := _own_notes(text):
         return replace(start, values=values, units=units, **own)
-    notes = left_out(text.headings, text.chosen)
+    notes = channels.left_out(text.headings, text.chosen)
     if above > 1:
-        lines = "1 line above the heading was" if above == 2 else (
-            f"{above - 1} lines above the heading were")  # fmt: skip
-        notes = (f"{lines} skipped", *notes)
+        lines, were = ("line", "was") if above == 2 else ("lines", "were")
+        notes = (f"{above - 1} {lines} above the heading {were} skipped", *notes)
     return replace(start, values=values, units=units, notes=notes)
 
 
 def read_column(path: Path, max_rows: int) -> tuple[str, list[_Array]]:
     """Heading and the one or two columns of a file that holds one channel."""
-    content = itertools.chain.from_iterable(chunk for chunk, _ in _chunks(_Text(path, Wanted())))
-    rows = [
-        (number, [c for c in re.split(r"[;,\t ]+", line.strip()) if c])
-        for number, line in itertools.islice(content, max_rows + 2)
-    ]
+    content = itertools.islice(_content(_Text(path, Wanted())), max_rows + 2)
+    rows = [(n, [c for c in re.split(r"[;,\t ]+", line.strip()) if c]) for n, line in content]
     if len(rows) > max_rows + 1:
         raise ValueError(too_long(path.name, max_rows))
     heading = ""
@@ -162,63 +154,46 @@ def read_column(path: Path, max_rows: int) -> tuple[str, list[_Array]]:
 
 def _open(path: Path) -> IO[str]:
     """The file as text, decompressed if its name ends in .gz, in UTF-16 if it says so."""
-    raw: Any = gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb")
-    try:
+    opened: Any = gzip.open if path.suffix.lower() == ".gz" else open
+    with opened(path, "rb") as raw:
         head = raw.read(64)
-        raw.seek(0)
-    except BaseException:
-        raw.close()
-        raise
     encoding = "utf-8-sig"
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16"
     elif len(head) > 8 and not any(head[1::2]):
         encoding = "utf-16-le"
-    return io.TextIOWrapper(raw, encoding=encoding, errors="surrogateescape")
+    return opened(path, "rt", encoding=encoding, errors="surrogateescape")
 
 
-def _chunks(text: _Text) -> Iterator[tuple[_Lines, bool]]:
-    """Lines of the content, and whether they are the last; comments go to the text."""
+def _content(text: _Text) -> Iterator[tuple[int, str]]:
+    """Lines of the content, and their numbers; comments above it go to the text."""
+    name, begun = text.name, False
     try:
-        yield from _content(text)
+        with _open(text.path) as file:
+            read = iter(functools.partial(file.readline, _LINE_LIMIT), "")
+            for number, line in enumerate(read, 1):
+                if len(line) == _LINE_LIMIT:
+                    raise ValueError(f"{name}: line {number} is too long; is it a text file?")
+                if "\0" in line:
+                    raise ValueError(
+                        f"{name}: line {number} is no plain text (a binary file?); "
+                        "save it as CSV in UTF-8"
+                    )
+                stripped = line.strip()
+                if not stripped or stripped == "EOF":
+                    continue
+                if stripped[0] in "#%":
+                    if not begun and len(text.comments) < 1000:
+                        text.comments.append(stripped)
+                    continue
+                begun, text.complete = True, line[-1] == "\n"
+                if not line.isascii():
+                    line = line.replace("\N{MINUS SIGN}", "-")
+                yield number, line.rstrip("\r\n").replace(" -> ", "\t", 1)
     except (gzip.BadGzipFile, EOFError, zlib.error) as problem:
-        raise ValueError(f"{text.name} is damaged or not compressed by gzip ({problem})") from None
+        raise ValueError(f"{name} is damaged or not compressed by gzip ({problem})") from None
     except UnicodeError as problem:
-        raise ValueError(f"{text.name} is no plain text ({problem})") from None
-
-
-def _content(text: _Text) -> Iterator[tuple[_Lines, bool]]:
-    chunk: _Lines = []
-    begun = False
-    with _open(text.path) as file:
-        for number in itertools.count(1):
-            line = file.readline(_LINE_LIMIT)
-            if not line:
-                break
-            if len(line) == _LINE_LIMIT:
-                raise ValueError(f"{text.name}: line {number} is too long; is it a text file?")
-            if "\0" in line:
-                raise ValueError(
-                    f"{text.name}: line {number} is no plain text (a binary file?); "
-                    "save it as CSV in UTF-8"
-                )
-            stripped = line.strip()
-            if not stripped or stripped == "EOF":
-                continue
-            if stripped[0] in "#%":
-                if not begun and len(text.comments) < 1000:
-                    text.comments.append(stripped)
-                continue
-            begun = True
-            if len(chunk) == _CHUNK:
-                yield chunk, False
-                chunk = []
-            text.complete = line[-1] == "\n"
-            if not line.isascii():
-                line = line.replace("\N{MINUS SIGN}", "-")
-            chunk.append((number, line.rstrip("\r\n").replace(" -> ", "\t", 1)))
-    if chunk:
-        yield chunk, True
+        raise ValueError(f"{name} is no plain text ({problem})") from None
 
 
 def _own_notes(text: _Text) -> dict[str, Any]:
@@ -235,7 +210,7 @@ def _own_notes(text: _Text) -> dict[str, Any]:
         meta = json.loads(first[2] if first else "")
     except (ValueError, RecursionError):
         meta = None
-    return own_notes(meta, f"{text.name}: the first line is damaged; remove it")
+    return channels.own_notes(meta, f"{text.name}: the first line is damaged; remove it")
 
 
 def _lay_out(text: _Text, chunk: _Lines) -> int:
@@ -265,7 +240,7 @@ def _lay_out(text: _Text, chunk: _Lines) -> int:
                 + "Of files with one channel each, give all: "
                 'read_record({"t": path, "u": path, "x": path})'
             )
-    text.chosen = assign_columns(text.headings, text.wanted, text.name)
+    text.chosen = channels.assign_columns(text.headings, text.wanted, text.name)
     text.optional = tuple(r for r in EXTRAS if r in text.chosen and r not in (columns or {}))
     if clocks and "t" in text.chosen:
         own = {max((c for c in clocks if c <= k), default=0) for k in text.chosen.values()}
@@ -325,9 +300,7 @@ def _with_headings(text: _Text, chunk: _Lines, rows: list[list[str]], first: int
     return start
 
 
-def _headings(
-    above: list[str], comments: list[str], delimiter: str | None, width: int
-) -> list[str]:
+def _headings(above: list[str], notes: list[str], delimiter: str | None, width: int) -> list[str]:
     """Names over the columns: of the last line above, with one of units, or a comment's."""
     # A heading may hold a "#"; in a row of numbers it starts a comment.
     named = [_fitting(line, delimiter, width, cut=False) for line in above[-2:]]
@@ -335,7 +308,7 @@ def _headings(
         if len(named) == 2 and named[0] and all(not c or known_unit(c) for c in named[1]):
             return [f"{n} [{u}]" if u else n for n, u in zip(named[0], named[1], strict=True)]
         return named[-1]
-    for line in reversed(comments[-20:]):
+    for line in reversed(notes[-20:]):
         for mark in (delimiter, None):
             if found := _fitting(line.lstrip("#% "), mark, width):
                 return found
@@ -344,7 +317,7 @@ def _headings(
 
 def _fitting(line: str, delimiter: str | None, width: int, cut: bool = True) -> list[str]:
     """Cells of a line of names, none if they are not as many as the columns."""
-    for words in (line, line.partition("#")[0]) if not cut else (line,):
+    for words in (line,) if cut else (line, line.partition("#")[0]):
         cells = [_readable(c) for c in _cells(words, delimiter, cut, width)]
         if len(cells) == width and not any(map(_is_number, cells)):
             return cells
@@ -437,7 +410,7 @@ def _column(values: _Array) -> _Array:
     """Numbers of one column, whole ones beyond 2^53 as integers if written as such."""
     if values.dtype != object:
         return values
-    if all(isinstance(v, int) or (v.is_integer() and abs(v) <= EXACT) for v in values):
+    if all(isinstance(v, int) or (v.is_integer() and abs(v) <= channels.EXACT) for v in values):
         try:
             return np.array([int(v) for v in values], dtype=np.int64)
         except OverflowError:
@@ -477,7 +450,7 @@ def _numbers(text: _Text, role: str, column: int, cells: list[str], chunk: _Line
         try:
             values = np.array(list(map(float, whole.replace(",", ".").split("\n"))))
             text.decimal = text.decimal or "," * comma or "." * point
-            if not np.abs(values).max() > EXACT:
+            if not np.abs(values).max() > channels.EXACT:
                 return values
             exact = True
         except ValueError:

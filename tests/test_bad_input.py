@@ -55,16 +55,9 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", dfc.FitWarning)
     FIT = dfc.fit(AXIS, RECORD, free=("coulomb",), starts=1)
 PLAN = Experiment(
-    name="change_of_bench",
-    title="a change of the bench",
-    description="turn it",
-    score={},
-    tried={},
-    cause="coulomb",
-    positions={},
-    drives={},
-    units=("m", "N"),
-)
+    name="change_of_bench", title="a change of the bench", description="turn it", score={}, tried={},
+    cause="coulomb", units=("m", "N"),
+)  # fmt: skip
 HUGE = 10**400  # a whole number that no float holds
 
 

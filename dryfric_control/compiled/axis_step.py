@@ -18,10 +18,13 @@ saturation, delay and lag, plus every force effect.
 An axis may have inner states.  With an elastic contact (presliding, Prandtl's
 element of stiffness k and deflection z) mode 0 is the elastic phase::
 
-    elastic   m v' = w - f v - k z,  z' = v,  until |k z| reaches F_s
+    elastic   m v' = w - f v - k z - c v,  z' = v,  until |k z| reaches F_s
     sliding   as above, z = s F_s/k, until v = 0
 
 A contact that springs back slides too, z = s F_s/k, while F_s falls faster than k z.
+A contact of bristles (LuGre) has one law in both modes::
+
+    m v' = w - f v - k z - c z',  z' = v - |v| k z/F_s
 
 With a transmission (a play, or a spring and damper) there are two masses: the
 motor with the drive and the encoder (x, v), and the load with all friction and
@@ -85,7 +88,9 @@ DELAY, LAG, CONTACT_STIFFNESS, HALF_GAP, STIFFNESS, DAMPING, INVERSE_MOTOR = ran
 #: unless noise hides it.
 #: BEHIND is the fraction of the mass that the transmission moves: that of the load behind
 #: a play on which friction depends, else 1.
-SHORT_WAY, SHORT_TIME, ALLOWED, BEHIND, COULOMB = range(15, 20)
+#: STICK_RATE is the rate at which the velocity of a stuck axis decays; with an elastic contact
+#: that by its own damping.  BRISTLES is 1 for a contact of bristles.
+SHORT_WAY, SHORT_TIME, ALLOWED, BEHIND, BRISTLES, COULOMB = range(15, 21)
 
 #: Indices in the array of integers; address and first parameter of each law
 #: follow, in the order input, force, level.  The first N_PLACE of the N_FORCE

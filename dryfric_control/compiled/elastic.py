@@ -21,11 +21,16 @@ _CUT, _MEETING = 0.1, 0.01
 # Phase of mode 0 in which an elastic contact slides although it springs back, because the level
 # falls faster than its force: direction of the deflection times _BACK.
 _BACK = 2
+# Phase of mode 0 of a contact of bristles: direction of motion times _BENDS, until its deflection
+# is that part of the one with which it would slide for ever.
+_BENDS, _BENT = 3, 0.99
 # Half the span of a difference in time, as a fraction of the step.
 _SPAN = 1e-3
 # Distance from sliding, as a fraction of the largest deflection, that one step may bridge and
 # come back.
 _NEAR = 0.1
+# Error of a step of bristles, in parts of the change of their level times that of a full bend.
+_BEND = 0.02
 # Force of an impact, as a multiple of all others.
 _HARD = 1e3
 
@@ -37,6 +42,14 @@ class Masses(NamedTuple):
     v: float
     y: float
     p: float
+
+
+class Strain(NamedTuple):
+    """Deflection z of a contact where the load is at y, and the one with which it slides there."""
+
+    y: float
+    z: float
+    most: float
 
 
 @step.internal
@@ -63,6 +76,65 @@ def _transmitted(side, drive, tau, at):
     return step.drive_force(drive, tau)
 
 
+@step.internal(forceinline=True)
+def _bristles(side):
+    """Whether the axis is on an elastic contact of bristles."""
+    return side.integers[step.STRUCTURE] & step.CONTACT != 0 and side.numbers[step.BRISTLES] != 0.0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _mean_fall(x):
+    """Mean of exp(-x) from 0 to x."""
+    if abs(x) > 1e-2:
+        return -math.expm1(-x) / x
+    return 1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x / 120.0)))
+
+
+@step.internal
+def _bent(way, start, before, most):
+    """Deflection of bristles along a motion after a way; they slid at `before`, at `most` now."""
+    # z' = 1 - z/limit over the way, exact for a limit that changes linearly along it.
+    change = (most - before) / before
+    mean = 1.0 - change * (0.5 - change * (1.0 / 3.0 - 0.25 * change))
+    if abs(change) > 1e-3:
+        mean = math.log(most / before) / change
+    phi = way / before * mean
+    return start * math.exp(-phi) + most * phi * _mean_fall(phi + mean * change)
+
+
+@step.internal(forceinline=True)
+def _direction(mode):
+    """Direction of a phase in which bristles move."""
+    return 1.0 if mode > 0 else -1.0
+
+
+@step.internal
+def _deflection(side, drive, t0, tau, at, strain, mode, rest):
+    """Deflection of a contact in a phase, and the one with which bristles slide."""
+    if not _bristles(side):
+        return at.y - strain.y + strain.z, math.inf
+    s = _direction(mode)
+    most = _most(side, drive, t0, tau, at, s, rest)
+    z = most
+    if most > 0.0 and strain.most > 0.0:
+        z = _bent(s * (at.y - strain.y), s * strain.z, strain.most, most)
+    z *= s
+    return z, most
+
+
+@step.internal(forceinline=True)
+def _held(side, z, most, p):
+    """Force of an elastic contact at deflection z and velocity p."""
+    # Bristles that slide at a constant deflection are not damped.
+    numbers, rate = side.numbers, p
+    if most < math.inf:
+        rate = p - abs(p) * z / most if most > 0.0 else 0.0
+    return (
+        numbers[step.CONTACT_STIFFNESS] * z
+        + numbers[step.STICK_RATE] / numbers[step.INVERSE_MASS] * rate
+    )
+
+
 @step.internal
 def _bound(side, t, y, p, w, s, rest):
     """Friction that an elastic contact can carry in direction s at velocity p."""
@@ -70,9 +142,8 @@ def _bound(side, t, y, p, w, s, rest):
 
 
 @step.internal
-def _rates(side, drive, t0, tau, at, anchor, mode, rest):
-    """Accelerations of motor and load in one phase: a mode, or a direction times _BACK."""
-    # An elastic contact is unstrained where the load is at `anchor`.
+def _rates(side, drive, t0, tau, at, strain, mode, rest):
+    """Accelerations of motor and load in a phase: a mode, or a direction by _BACK or _BENDS."""
     force = _transmitted(side, drive, tau, at)
     motor = 0.0
     if side.integers[step.STRUCTURE] & step.SPRING:
@@ -81,8 +152,9 @@ def _rates(side, drive, t0, tau, at, anchor, mode, rest):
     if mode == 0 and not side.integers[step.STRUCTURE] & step.CONTACT:
         return motor, -side.numbers[step.STICK_RATE] * at.p
     w = step.load_under(side, force, t, at.y, at.p, s if abs(mode) == 1 else 0.0, rest)
-    if mode == 0:
-        friction = side.numbers[step.CONTACT_STIFFNESS] * (at.y - anchor)
+    if mode == 0 or _bristles(side):
+        z, most = _deflection(side, drive, t0, tau, at, strain, mode, rest)
+        friction = _held(side, z, most, at.p)
     elif abs(mode) == _BACK:
         s /= _BACK
         friction = s * _bound(side, t, at.y, at.p, w, s, rest)
@@ -99,18 +171,27 @@ def _wave_error(k1, k2, k3, k4, phi, d):
     return d * phi * phi * (phi * abs(k4 - k1) + 4.0 * abs((k1 - k2) - (k3 - k4))) / 120.0
 
 
+@step.internal(forceinline=True)
+def _fades(side):
+    """Whether the level can fall while an elastic contact is strained."""
+    i = side.integers
+    return i[step.STRUCTURE] & step.CONTACT != 0 and (
+        side.numbers[step.EXCESS] > 0.0 or i[step.N_LEVEL] + i[step.N_PLUS] + i[step.N_MINUS] > 2
+    )
+
+
 @step.internal
-def _stride(side, drive, t0, tau, at, anchor, mode, rest, m1, k1, d):
+def _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d):
     """One step of motor and load: their states, last stages, and the step's error."""
     half, t = 0.5 * d, tau + 0.5 * d
     x, v, y, p = at.x, at.v, at.y, at.p
     xm, ym = x + half * (v + 0.25 * d * m1), y + half * (p + 0.25 * d * k1)
     middle = Masses(xm, v + half * m1, ym, p + half * k1)
-    m2, k2 = _rates(side, drive, t0, t, middle, anchor, mode, rest)
+    m2, k2 = _rates(side, drive, t0, t, middle, strain, mode, rest)
     middle = Masses(xm, v + half * m2, ym, p + half * k2)
-    m3, k3 = _rates(side, drive, t0, t, middle, anchor, mode, rest)
+    m3, k3 = _rates(side, drive, t0, t, middle, strain, mode, rest)
     end = Masses(x + d * (v + half * m3), v + d * m3, y + d * (p + half * k3), p + d * k3)
-    m4, k4 = _rates(side, drive, t0, tau + d, end, anchor, mode, rest)
+    m4, k4 = _rates(side, drive, t0, tau + d, end, strain, mode, rest)
     after = Masses(
         x + d * (v + d * (m1 + m2 + m3) / 6.0),
         v + d * (m1 + 2.0 * (m2 + m3) + m4) / 6.0,
@@ -119,10 +200,11 @@ def _stride(side, drive, t0, tau, at, anchor, mode, rest, m1, k1, d):
     )
     numbers = side.numbers
     turn = 0.0
-    if mode == 0:
+    bristles = _bristles(side)
+    if mode == 0 or bristles:
         turn = numbers[step.STICK_RATE]
         if side.integers[step.STRUCTURE] & step.CONTACT:
-            turn = math.sqrt(numbers[step.CONTACT_STIFFNESS] * numbers[step.INVERSE_MASS])
+            turn += math.sqrt(numbers[step.CONTACT_STIFFNESS] * numbers[step.INVERSE_MASS])
     error = 0.0
     if side.integers[step.STRUCTURE] & step.SPRING:
         inverse = numbers[step.INVERSE_MOTOR] + numbers[step.INVERSE_MASS]
@@ -132,9 +214,16 @@ def _stride(side, drive, t0, tau, at, anchor, mode, rest, m1, k1, d):
     # Position-dependent forces: the elastic force represents their size; their passage
     # through zero is left to the wave error (distance infinite).  The allowed error is
     # 0 here, so that the estimate is not shortened to zero.
-    strain = numbers[step.CONTACT_STIFFNESS] * abs(y - anchor)
-    pull = numbers[step.INVERSE_MASS] * (abs(_transmitted(side, drive, tau, at)) + strain)
+    held = numbers[step.CONTACT_STIFFNESS] * abs(y - strain.y + strain.z)
+    pull = numbers[step.INVERSE_MASS] * (abs(_transmitted(side, drive, tau, at)) + held)
     error = max(error, step.step_error(side, drive, k1, k2, k3, k4, pull, math.inf, d, 0.0))
+    if bristles and _fades(side):
+        # The level with which they slide is taken to change linearly along the way.
+        _, most = _deflection(side, drive, t0, tau + d, after, strain, mode, rest)
+        way = abs(after.y - y)
+        part = way / (way + most)
+        bend = numbers[step.CONTACT_STIFFNESS] * abs(most - strain.most) * part * part
+        error = max(error, _BEND * numbers[step.INVERSE_MASS] * bend * d)
     return after, m4, k4, error
 
 
@@ -152,7 +241,7 @@ def _touch(gap, rate, end, last, d):
 @step.internal(forceinline=True)
 def _open(phase):
     """Mode of a phase."""
-    return phase if abs(phase) != _BACK else 0
+    return phase if abs(phase) == 1 else 0
 
 
 @step.internal
@@ -175,9 +264,13 @@ def _tightens(side, drive, t0, tau, at, m, k, s, rest, d):
 
 
 @step.internal
-def _margin(side, drive, t0, tau, at, anchor, mode, rest, flips, length):
+def _margin(side, drive, t0, tau, at, strain, mode, rest, flips, length):
     """Distance from the end of a phase, inside a step of that `length`: positive until then."""
     s, t, p = float(mode), t0 + tau, at.p
+    if abs(mode) == _BENDS:
+        z, most = _deflection(side, drive, t0, tau, at, strain, mode, rest)
+        s /= _BENDS
+        return min(s * p * length, _BENT * most - s * z) if p != 0.0 else _BENT * most - s * z
     if side.integers[step.STRUCTURE] & step.CONTACT:
         if abs(mode) == 1:
             return s * p
@@ -185,10 +278,11 @@ def _margin(side, drive, t0, tau, at, anchor, mode, rest, flips, length):
             s /= _BACK
             if s * p > 0.0:
                 return -s * p
-            m, k = _rates(side, drive, t0, tau, at, anchor, mode, rest)
+            m, k = _rates(side, drive, t0, tau, at, strain, mode, rest)
             return _tightens(side, drive, t0, tau, at, m, k, s, rest, length)
-        s = 1.0 if at.y > anchor else -1.0
-        return _most(side, drive, t0, tau, at, s, rest) - s * (at.y - anchor)
+        z = at.y - strain.y + strain.z
+        s = 1.0 if z > 0.0 else -1.0
+        return _most(side, drive, t0, tau, at, s, rest) - s * z
     if mode != 0:
         if s * p > side.numbers[step.STICK_SPEED]:
             return math.inf
@@ -218,27 +312,39 @@ def _begin_inner(side, drive, t0, at, z, mode, rest):
         stiffness = side.numbers[step.CONTACT_STIFFNESS]
         if mode != 0 and mode * p <= 0.0:
             mode = 0
-        if mode == 0:
+        if mode == 0 and not _bristles(side):
             s = 1.0 if z > 0.0 else -1.0
             bound = _bound(side, t0, y, p, w, s, rest)
             # Start no elastic phase because of round-off in a contact that already slides.
             if s * stiffness * z >= bound * (1.0 - 1e-12):
                 z = s * bound / stiffness
                 mode = int(s) if s * p > 0.0 else 0
-        friction = stiffness * z
-    if mode != 0:
-        friction = step.sliding_friction(side, force, t0, y, p, float(mode))
-    motor, rate = _rates(side, drive, t0, 0.0, Masses(at.x, at.v, y, p), y - z, mode, rest)
+        friction = _held(side, z, math.inf, p)
+    now = Masses(at.x, at.v, y, p)
+    if contact and _bristles(side):
+        strain, phase = _bending(side, drive, t0, 0.0, now, z, mode, rest)
+        mode, friction = _open(phase), _held(side, z, strain.most, p)
+    else:
+        strain, phase = Strain(y, z, 0.0), mode
+        if mode != 0:
+            friction = step.sliding_friction(side, force, t0, y, p, float(mode))
+    motor, rate = _rates(side, drive, t0, 0.0, now, strain, phase, rest)
     return mode, p, z, friction, motor, rate
 
 
-@step.internal(forceinline=True)
-def _fades(side):
-    """Whether the level can fall while an elastic contact is strained."""
-    i = side.integers
-    return i[step.STRUCTURE] & step.CONTACT != 0 and (
-        side.numbers[step.EXCESS] > 0.0 or i[step.N_LEVEL] + i[step.N_PLUS] + i[step.N_MINUS] > 2
-    )
+@step.internal
+def _bending(side, drive, t0, tau, at, z, mode, rest):
+    """Strain of bristles deflected by z, and their phase: the mode, or the direction of motion."""
+    s = float(mode)
+    if mode == 0:
+        s = math.copysign(1.0, at.p)
+        if at.p == 0.0:
+            force = _transmitted(side, drive, tau, at)
+            w = step.load_under(side, force, t0 + tau, at.y, 0.0, 0.0, rest)
+            s = math.copysign(1.0, w - side.numbers[step.CONTACT_STIFFNESS] * z)
+    most = _most(side, drive, t0, tau, at, s, rest)
+    bends = mode == 0 and (at.p == 0.0 or s * z < _BENT * most)
+    return Strain(at.y, z, most), int(s) * _BENDS if bends else int(s)
 
 
 @step.internal
@@ -259,16 +365,16 @@ def _shortened(side, at, after, mode, fades, k1, k4, d, error, allowed):
         sight = step.peak_step(side, abs(at.p), abs(after.p), 1.0, d)
         if sight < 0.99 * d:
             return sight
-    if cut == d and abs(mode) == 1:
-        return step.turning(at.p, after.p, float(mode), k1, k4, d, 0.0)
+    if cut == d and mode != 0 and abs(mode) != _BACK:
+        return step.turning(at.p, after.p, _direction(mode), k1, k4, d, 0.0)
     return cut
 
 
 @step.internal
-def _touches(side, drive, t0, tau, at, after, anchor, m1, k1, m4, k4, rest, gap, left, d):
+def _touches(side, drive, t0, tau, at, after, strain, m1, k1, m4, k4, rest, gap, left, d):
     """When an elastic contact may reach its limit and leave it in a step; d if it does not."""
     # `gap` and `left` are its distances from the limit at both ends of the step.
-    s = math.copysign(1.0, after.y - anchor)
+    s = math.copysign(1.0, after.y - strain.y + strain.z)
     rate = _tightens(side, drive, t0, tau, at, m1, k1, s, rest, d)
     if rate <= 0.0 or gap >= rate * d:
         return d
@@ -277,10 +383,10 @@ def _touches(side, drive, t0, tau, at, after, anchor, m1, k1, m4, k4, rest, gap,
 
 
 @step.internal
-def _phase_end(side, drive, t0, tau, at, anchor, mode, rest, m1, k1, flips, d, left, exact):
+def _phase_end(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, d, left, exact):
     """Length of the part of a step of length d that ends with the phase, by repeating the step."""
     a, b, fb, last = 0.0, d, left, 0
-    fa = _margin(side, drive, t0, tau, at, anchor, mode, rest, flips, d)
+    fa = _margin(side, drive, t0, tau, at, strain, mode, rest, flips, d)
     for i in range(200):
         c = between(a, fa, b, fb)
         if b - a <= exact or fb == 0.0 or c == b:
@@ -288,48 +394,56 @@ def _phase_end(side, drive, t0, tau, at, anchor, mode, rest, m1, k1, flips, d, l
         # The margin may jump: bisect every fourth time, or where it is not known.
         if i % 4 == 3 or fa == math.inf:
             c = 0.5 * (a + b)
-        then, _, _, _ = _stride(side, drive, t0, tau, at, anchor, mode, rest, m1, k1, c)
+        then, _, _, _ = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, c)
         now = rest + c if abs(mode) != 1 else 0.0
-        fc = _margin(side, drive, t0, tau + c, then, anchor, mode, now, flips, d)
+        fc = _margin(side, drive, t0, tau + c, then, strain, mode, now, flips, d)
         a, fa, b, fb, last = narrowed(a, fa, b, fb, last, c, fc)
     return b
 
 
 @step.internal(forceinline=True)
-def _back_anchor(side, drive, t0, tau, at, mode, rest):
-    """Where the contact is unstrained in a phase in which it slides although it springs back."""
+def _back_strain(side, drive, t0, tau, at, mode, rest):
+    """Strain of a contact in a phase in which it slides although it springs back."""
     s = float(mode) / _BACK
-    return at.y - s * _most(side, drive, t0, tau, at, s, rest)
+    return Strain(at.y, s * _most(side, drive, t0, tau, at, s, rest), 0.0)
 
 
 @step.internal
-def _phase_after(side, drive, t0, tau, at, anchor, mode, rest, flips, moved):
-    """Phase after another, velocity of the load, anchor; `moved`: whether the step has a length."""
+def _phase_after(side, drive, t0, tau, at, strain, mode, rest, flips, moved):
+    """Phase after another, velocity of the load, strain; `moved`: whether the step has a length."""
     s, t, y, p = float(mode), t0 + tau, at.y, at.p
     force = _transmitted(side, drive, tau, at)
+    if _bristles(side):
+        z, most = _deflection(side, drive, t0, tau, at, strain, mode, rest)
+        s = _direction(mode)
+        if abs(mode) == _BENDS and s * p > 0.0:
+            return int(s), p, Strain(y, z, most)
+        p = 0.0 if abs(mode) == 1 else p
+        strain, mode = _bending(side, drive, t0, tau, Masses(at.x, at.v, y, p), z, 0, rest)
+        return mode, p, strain
     if side.integers[step.STRUCTURE] & step.CONTACT:
         if abs(mode) == _BACK:
             s /= _BACK
-            anchor = _back_anchor(side, drive, t0, tau, at, mode, rest)
-            return (int(s) if s * p > 0.0 else 0), p, anchor
+            strain = _back_strain(side, drive, t0, tau, at, mode, rest)
+            return (int(s) if s * p > 0.0 else 0), p, strain
         if mode == 0:
-            s = 1.0 if y > anchor else -1.0
-            return int(s if s * p > 0.0 else s * _BACK), p, anchor
+            s = 1.0 if y - strain.y + strain.z > 0.0 else -1.0
+            return int(s if s * p > 0.0 else s * _BACK), p, strain
         w = step.load_under(side, force, t, y, 0.0, s, 0.0)
         level = step.sliding_level(side, t, y, 0.0, w, s)
-        return 0, 0.0, y - s * level / side.numbers[step.CONTACT_STIFFNESS]
+        return 0, 0.0, Strain(y, s * level / side.numbers[step.CONTACT_STIFFNESS], 0.0)
     if mode == 0:
         s = step.hold_excess(side, step.held_force(force), t, 0.0, y, p, rest)[1]
-        return int(s), (0.0 if s * p < 0.0 else p), anchor
+        return int(s), (0.0 if s * p < 0.0 else p), strain
     if s * p > 0.0 or (side.integers[step.RULE] == step.PAPER and flips > 0):
-        return 0, p, anchor
+        return 0, p, strain
     if side.integers[step.RULE] == step.PAPER:
-        return -mode, 0.0, anchor
+        return -mode, 0.0, strain
     force = _transmitted(side, drive, tau, Masses(at.x, at.v, y, 0.0))
     w = step.load_under(side, force, t, y, 0.0, s, 0.0)
     after = step.at_zero(side, t, y, w, mode)
     # Where load and level are equal up to round-off, it rests.
-    return (after if moved or after != mode else 0), 0.0, anchor
+    return (after if moved or after != mode else 0), 0.0, strain
 
 
 @step.internal(forceinline=True)
@@ -356,7 +470,9 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         step.record(events, count, t0, mode, first)
         mode, rest = first, 0.0
     seen = at.v if two else p
-    anchor = at.y - z
+    strain, bristles = Strain(at.y, z, 0.0), _bristles(side)
+    if bristles:
+        strain, mode = _bending(side, drive, t0, 0.0, at, z, mode, rest)
     fades = _fades(side)
     if fades and mode == 0 and z * p <= 0.0:
         if _slides_back(side, drive, t0, at, z, m1, k1, rest, h):
@@ -364,17 +480,17 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
     # Distance of the contact from its limit.
     gap = 0.0
     if contact and mode == 0:
-        gap = _margin(side, drive, t0, 0.0, at, anchor, mode, rest, 0, h)
+        gap = _margin(side, drive, t0, 0.0, at, strain, mode, rest, 0, h)
     tau, longest, switches, flips, fresh = 0.0, h, 0, 0, False
     close, pause, resume, last = 0, step.CLOSE * h, 0.0, -h
     while tau < h:
         if fresh:
-            m1, k1 = _rates(side, drive, t0, tau, at, anchor, mode, rest)
+            m1, k1 = _rates(side, drive, t0, tau, at, strain, mode, rest)
             fresh = False
         # The mode is held until `resume`, see `crowded`.
         bound = h if tau >= resume else min(resume, h)
         d = min(longest, bound - tau, side.numbers[step.SHORT_TIME])
-        end, m4, k4, error = _stride(side, drive, t0, tau, at, anchor, mode, rest, m1, k1, d)
+        end, m4, k4, error = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d)
         pace = abs(at.p) + sigma + d * abs(k1)
         if two:
             pace += abs(at.v) + d * abs(m1)
@@ -388,11 +504,15 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         after_rest = rest + d if abs(mode) != 1 else 0.0
         left = math.inf
         if bound == h and switches < count[step.MOST]:
-            left = _margin(side, drive, t0, tau + d, end, anchor, mode, after_rest, flips, d)
+            left = _margin(side, drive, t0, tau + d, end, strain, mode, after_rest, flips, d)
         if contact and mode == 0 and left < math.inf:
-            if divisible and left > 0.0 and min(gap, left) < _NEAR * abs(end.y - anchor):
+            if (
+                divisible
+                and left > 0.0
+                and min(gap, left) < _NEAR * abs(end.y - strain.y + strain.z)
+            ):
                 cut = _touches(
-                    side, drive, t0, tau, at, end, anchor, m1, k1, m4, k4, rest, gap, left, d
+                    side, drive, t0, tau, at, end, strain, m1, k1, m4, k4, rest, gap, left, d
                 )
                 if cut < d:
                     longest = cut
@@ -402,7 +522,10 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
             at, rest, fresh = end, after_rest, True
             tau += d
             if abs(mode) == _BACK:
-                anchor = _back_anchor(side, drive, t0, tau, at, mode, rest)
+                strain = _back_strain(side, drive, t0, tau, at, mode, rest)
+            if bristles:
+                z, most = _deflection(side, drive, t0, tau, at, strain, mode, rest)
+                strain = Strain(at.y, z, most)
             if tau + step.SHORTEST * h >= h:
                 tau = h
             if longest < h:
@@ -411,17 +534,17 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
 
         exact = (1e-14 + _CUT * side.numbers[step.ALLOWED] / pace) * d
         cut = _phase_end(
-            side, drive, t0, tau, at, anchor, mode, rest, m1, k1, flips, d, left, exact
+            side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, d, left, exact
         )
-        at, _, _, _ = _stride(side, drive, t0, tau, at, anchor, mode, rest, m1, k1, cut)
+        at, _, _, _ = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, cut)
         tau += cut
         if tau + step.SHORTEST * h >= h:
             tau = h
         fresh, longest = True, h
         if abs(mode) != 1:
             rest += cut
-        after, p, anchor = _phase_after(
-            side, drive, t0, tau, at, anchor, mode, rest, flips, cut > 2e-14 * d
+        after, p, strain = _phase_after(
+            side, drive, t0, tau, at, strain, mode, rest, flips, cut > 2e-14 * d
         )
         at = Masses(at.x, at.v, at.y, p)
         if mode != 0 and after == -mode:
@@ -437,8 +560,10 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
 
     p = at.p
     if contact:
-        z = at.y - anchor
-        if abs(mode) == 1:
+        z = at.y - strain.y + strain.z
+        if bristles:
+            z = strain.z
+        elif abs(mode) == 1:
             force = _transmitted(side, drive, h, at)
             z = step.sliding_friction(side, force, t0 + h, at.y, p, float(mode)) / stiffness
         memory[step.DEFLECTION] = z

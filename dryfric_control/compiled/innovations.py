@@ -57,6 +57,8 @@ _WEIGHTS = (1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0)
 # deviations of the sum of the random force since then, may be noise of the recorded input: the
 # mean stays at rest.  Beyond the second number it moves.
 _MAY_HOLD = (1.5, 3.0)
+# Least stiffness of bristles over that of unstrained ones for which they creep.
+_SOFTEST = 0.05
 # Margin to breakaway, in standard deviations of the random force, beyond which it is excluded.
 _SAFE = 7.0
 # Relative error allowed for a smooth step, in addition to the error allowed by the numbers.
@@ -109,6 +111,26 @@ def _smooth(plant, drive, t, h, x, v, s, k1):
         and step.step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, h, allowed) <= allowed
     )
     return calm, x1, v1
+
+
+@step.internal
+def _slides(plant, drive, t, h, m, x, v, x1, v1, s):
+    """Whether a contact slides in a sample at the level of each moment, and its deflection then."""
+    w = step.load(plant, drive, t, h, x1, v1, s, 0.0)
+    after = step.sliding_level(plant, t + h, x1, v1, w, s)
+    stiffness = plant.numbers[step.CONTACT_STIFFNESS]
+    end = s * after / stiffness
+    if plant.numbers[step.BRISTLES] == 0.0:
+        return True, end
+    w = step.load(plant, drive, t, 0.0, x, v, s, 0.0)
+    level = step.sliding_level(plant, t, x, v, w, s)
+    # What their force has yet to change, and how much it lags behind a level that changes.
+    off = abs(stiffness * m[step.DEFLECTION] - s * level)
+    length = level / stiffness
+    off = (off + abs(after - level)) * min(length / abs(x1 - x), 1.0)
+    allowed = _TOLERANCE * abs(v) + plant.numbers[step.ALLOWED]
+    calm = off * h * plant.numbers[step.INVERSE_MASS] <= allowed
+    return calm, end if calm else m[step.DEFLECTION]
 
 
 @step.internal
@@ -332,7 +354,7 @@ def _predict_near(
 @step.internal(forceinline=True)
 def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, first, dx):
     """One sample of an axis whose mode is sure; slopes of its acceleration at the start."""
-    by_x, by_v, k1 = 0.0, 0.0, 0.0
+    by_x, by_v, k1, gives = 0.0, 0.0, 0.0, 1.0
     if mode != 0 and not two:
         held = step.held_force(step.drive_now(plant, t, dt, m, u0))
         x += m[step.OFFSET]  # of the load, on which all forces act
@@ -344,6 +366,8 @@ def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, fi
         stop = start if not first else step.input_map(plant, t, m, end)
         drive = step.Drive(start, (stop - start) / dt, 0.0, 0.0)
         calm, x1, v1 = _smooth(plant, drive, t, dt, x, v, float(mode), k1)
+        if calm and plant.integers[step.STRUCTURE] != 0:
+            calm, m[step.DEFLECTION] = _slides(plant, drive, t, dt, m, x, v, x1, v1, float(mode))
     if calm:
         m[step.X], m[step.V] = x1, v1
         m[step.MODE], m[step.REST] = float(mode), 0.0
@@ -354,18 +378,44 @@ def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, fi
         if plant.integers[step.STRUCTURE] & step.CONTACT != 0:
             by_x = -plant.numbers[step.CONTACT_STIFFNESS] * plant.numbers[step.INVERSE_MASS]
             by_v = -plant.numbers[step.VISCOUS] * plant.numbers[step.INVERSE_MASS]
-        else:
-            by_v = -plant.numbers[step.STICK_RATE]
-    return by_x, by_v
+            if plant.numbers[step.BRISTLES] != 0.0:
+                gives = _stiff(plant, x, m[step.X] - x, m[step.DEFLECTION])
+        by_v -= gives * plant.numbers[step.STICK_RATE]
+    return by_x, by_v, gives
 
 
 @step.internal(forceinline=True)
-def _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d, c0, c1, anchor):
-    """Covariance after one sample, P = F P F' + variance b b', and that with a contact's anchor.
+def _stiff(plant, x, way, z):
+    """Stiffness along a way of bristles deflected by z over that of unstrained ones."""
+    s = 1.0 if way > 0.0 else -1.0
+    level = step.base_level(plant, x, s) * (1.0 + plant.numbers[step.EXCESS])
+    return max(1.0 - s * plant.numbers[step.CONTACT_STIFFNESS] * z / level, 0.0)
+
+
+@step.internal
+def _swing(by_x, by_v, dt):
+    """How position and velocity of a mass on a spring move in one sample."""
+    fall, square = -0.5 * by_v, -by_x - 0.25 * by_v * by_v
+    if square * dt * dt > 1e-6:
+        turn = math.sqrt(square)
+        still = math.exp(-fall * dt)
+        cosine, sine = still * math.cos(turn * dt), still * math.sin(turn * dt) / turn
+    elif square * dt * dt < -1e-6:
+        turn = math.sqrt(-square)
+        slow, fast = math.exp((turn - fall) * dt), math.exp(-(turn + fall) * dt)
+        cosine, sine = 0.5 * (slow + fast), 0.5 * (slow - fast) / turn
+    else:
+        cosine = math.exp(-fall * dt)
+        sine = dt * cosine
+    return cosine + fall * sine, sine, by_x * sine, cosine - fall * sine
+
+
+@step.internal(forceinline=True)
+def _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d):
+    """Covariance after one sample, P = F P F' + variance b b'.
 
     `by_x`, `by_v`: slopes of the acceleration; `creep`: variance of the position that an axis
-    at rest gains, so that the filter stays adaptive; `anchor`: variance of the unstrained
-    position of a sticking contact, negative without one.
+    at rest gains, so that the filter stays adaptive.
     """
     z = min(max(by_v * dt, -50.0), 2.0)
     if abs(z) > 1e-3:
@@ -383,16 +433,6 @@ def _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d, c0, c1, anchor):
     if creep > 0.0:
         det += creep * (across * across * p + f11 * f11 * d)
         m00 += creep
-    if anchor >= 0.0:
-        # The contact force is proportional to the distance from an uncertain position.
-        pull0, pull1 = 1.0 - f00, -f10
-        own0, own1 = pull0 * anchor, pull1 * anchor
-        to0, to1 = f00 * c0 + f01 * c1, f10 * c0 + f11 * c1
-        m11 = across * across * p + f11 * f11 * d + pull1 * (2.0 * to1 + own1)
-        m00 += pull0 * (2.0 * to0 + own0)
-        m01 += pull0 * to1 + pull1 * to0 + pull0 * own1
-        c0, c1 = to0 + own0, to1 + own1
-        det = max(m00 * m11 - m01 * m01, 1e-9 * m00 * m11)
     g = m01 / m00
     d = det / m00
     b0, b1 = 0.5 * dt * dt * inverse, dt * inverse
@@ -401,7 +441,49 @@ def _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d, c0, c1, anchor):
     d_new = d * m00 + variance * (m00 * moved * moved + d * b0 * b0)
     m01 = g * m00 + variance * b0 * b1
     m00 += variance * b0 * b0
-    return m00, m01 / m00, d_new / m00, c0, c1
+    return m00, m01 / m00, d_new / m00
+
+
+@step.internal
+def _swung(by_x, by_v, gives, keeps, dt, inverse, variance, p, g, d, c0, c1, anchor):
+    """Covariance after one sample on an elastic contact, with the place where it is unstrained.
+
+    `by_x`, `by_v`: slopes of the acceleration with the deflection and the velocity; the deflection
+    changes by `gives` with the position, and `keeps` that part of itself; c0, c1, anchor:
+    covariances of the place without strain with position and velocity, and its variance.
+    """
+    f00, f01, f10, f11 = _swing(gives * by_x, by_v, dt)
+    if gives > 1e-6:
+        pull0, pull1 = (f00 - 1.0) / gives, f10 / gives
+    else:
+        pull0, pull1 = 0.5 * by_x * dt * dt, by_x * f01
+    b0, b1 = pull0 / by_x * inverse, f01 * inverse
+    # Of position x, velocity v, deflection z.
+    vv, xv, xz, vz, zz = d + g * g * p, g * p, p - c0, g * p - c1, p - 2.0 * c0 + anchor
+    on_x, on_v = p + f01 * xv + pull0 * xz, f11 * xv + pull1 * xz
+    x_z, v_z = xz + f01 * vz + pull0 * zz, f11 * vz + pull1 * zz
+    x_v = xv + f01 * vv + pull0 * vz
+    m00 = on_x + f01 * x_v + pull0 * x_z
+    m01 = f11 * x_v + pull1 * x_z
+    m11 = f11 * (f11 * vv + pull1 * vz) + pull1 * v_z
+    zz = keeps * keeps * zz + gives * (2.0 * keeps * (x_z - xz) + gives * (m00 - 2.0 * on_x + p))
+    xz, vz = keeps * x_z + gives * (m00 - on_x), keeps * v_z + gives * (m01 - on_v)
+    det = max(m00 * m11 - m01 * m01, 1e-9 * m00 * m11)
+    # What a random force bends does not all come back: it bends them by 1/gives, and back by
+    # 1/(2 - gives), half of the time.
+    bends = inverse / by_x * (1.0 / max(gives, _SOFTEST) - 1.0 / (2.0 - max(gives, _SOFTEST)))
+    creep = 0.5 * variance * bends * bends
+    det += creep * m11
+    m00 += creep
+    g, d = m01 / m00, det / m00
+    moved = b1 - g * b0
+    d_new = d * m00 + variance * (m00 * moved * moved + d * b0 * b0)
+    m01 = g * m00 + variance * b0 * b1
+    m00 += variance * b0 * b0
+    xz, vz = xz + gives * variance * b0 * b0, vz + gives * variance * b0 * b1
+    zz += gives * gives * variance * b0 * b0
+    c0, c1 = m00 - xz, m01 - vz
+    return m00, m01 / m00, d_new / m00, c0, c1, max(2.0 * c0 - m00 + zz, 0.0)
 
 
 @step.internal(forceinline=True)
@@ -539,9 +621,12 @@ def _innovations(
     counted = step.pointer(count)
     structure = integers[step.STRUCTURE]
     contact = structure & step.CONTACT != 0
+    bristles = contact and numbers[step.BRISTLES] != 0.0
     on_load = structure & step.ON_LOAD != 0
     play, spring = structure & step.PLAY != 0, structure & step.SPRING != 0 and not on_load
-    plain = structure == 0 and numbers[step.DELAY] <= 0.0 and numbers[step.LAG] <= 0.0
+    at_once = numbers[step.DELAY] <= 0.0 and numbers[step.LAG] <= 0.0
+    plain = structure == 0 and at_once
+    at_once = at_once and structure & ~step.CONTACT == 0
     deviation = math.sqrt(force)
     dx = 1e-6 * span
     fall = -math.expm1(-numbers[step.STICK_RATE] * dt)
@@ -623,8 +708,8 @@ def _innovations(
             two_masses.predict(slides if moves else rests, cov, force, pinned, work)
             p = cov[0, 0] = cov[0, 0] + 1e-6 * reading
         else:
-            by_x, by_v = _predict(
-                plant, m, events, counted, t, dt, u[k - 1], end, x, v, mode, two, plain, first, dx
+            by_x, by_v, gives_way = _predict(
+                plant, m, events, counted, t, dt, u[k - 1], end, x, v, mode, two, at_once, first, dx
             )
             if not sliding and memory[step.MODE] != 0.0:
                 variance = force
@@ -636,11 +721,17 @@ def _innovations(
             if sticking and not strained:
                 c0, c1, anchor, unknown = p, g * p, p + unknown, 0.0
             strained = sticking
-            creep = _CREEP * reading if not sliding and not contact else 0.0
-            hold = anchor if sticking else -1.0
-            p, g, d, c0, c1 = _spread(
-                by_x, by_v, dt, inverse, variance, creep, p, g, d, c0, c1, hold
-            )
+            if sticking:
+                keeps = 1.0
+                if bristles:
+                    way = numbers[step.CONTACT_STIFFNESS] * abs(memory[step.X] - x)
+                    keeps = math.exp(-way / level)
+                p, g, d, c0, c1, anchor = _swung(
+                    by_x, by_v, gives_way, keeps, dt, inverse, variance, p, g, d, c0, c1, anchor
+                )
+            else:
+                creep = _CREEP * reading if not sliding and not contact else 0.0
+                p, g, d = _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d)
             if not sliding and abs(g) < _NOTHING and d < _NOTHING:
                 g, d = 0.0, 0.0
         # Reading.

@@ -37,6 +37,7 @@ def transition(plant, dt, mode):
         rates[3, 3], rates[3, n + 1] = -(damping + numbers[step.VISCOUS]) * load, load
     if holds > 0.0:
         rates[3, 4] = holds * load
+        rates[3, 3] -= numbers[plant.integers[step.N_NUMBERS] + step.STICK_RATE]
     # exp(rates dt) by squaring.
     moves, term = np.eye(n + 2), np.eye(n + 2)
     rates *= dt / 2.0**_SQUARED

@@ -406,11 +406,15 @@ def accelerations(numbers, integers, t, x, v, u, direction, out):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def strained(x, distance, share, out):
+def strained(x, distance, share, bristles, out):
     """Deflection of an elastic contact along a motion, over that at which it slides."""
     for k in range(x.shape[0]):
-        if k > 0:
-            share = min(max(share + (x[k] - x[k - 1]) / distance, -1.0), 1.0)
+        way = (x[k] - x[k - 1]) / distance if k > 0 else 0.0
+        if bristles:
+            s = 1.0 if way > 0.0 else -1.0
+            share = s + (share - s) * np.exp(-abs(way))
+        else:
+            share = min(max(share + way, -1.0), 1.0)
         out[k] = share
 
 

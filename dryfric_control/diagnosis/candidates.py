@@ -135,6 +135,12 @@ def amounts(name: str, own: Iterable[str]) -> Iterator[tuple[str, float, bool]]:
             yield full, kind["neutral"], kind["optional"]
 
 
+def held_by(name: str) -> tuple[str, ...]:
+    """Full names of a candidate's amounts that stay as they are until it is found."""
+    rows = effect_class(name).parameters().items()
+    return tuple(f"{name}.{p}" for p, k in rows if k["kind"] == "amount" and not k["free"])
+
+
 def own_names(name: str) -> tuple[str, ...]:
     """Names of the free parameters of a candidate."""
     return tuple(f"{name}.{p}" for p in effect_class(name).named_parameters())

@@ -31,7 +31,7 @@ from dryfric_control.estimation.likelihood import BASE, BOLD, Likelihood, Point,
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.columns import Column, View, difference, simulated
+from dryfric_control.model.effects.columns import Column, View, difference, secant, simulated
 from dryfric_control.model.effects.effect import Effect
 from dryfric_control.model.effects.naming import named
 
@@ -42,6 +42,13 @@ FloatArray = NDArray[np.float64]
 _FAR, _BASE = 30.0, (0.4, 2.5)
 # Columns whose responses are computed at once, and ridge of the normal equations.
 _AT_ONCE, _RIDGE = 32, 1e-9
+# Size of a friction that is simulated beside bristles, in parts of the Coulomb level.
+_SECANT = 0.1
+
+
+def _level(effect: type[Effect]) -> bool:
+    """Whether an effect raises the level of friction."""
+    return effect.action == "friction" or effect.axis_field == "stribeck"
 
 
 @dataclass(frozen=True)
@@ -190,12 +197,21 @@ class Gram:
     def _shapes(self) -> dict[str, list[Column]]:
         """Shapes of all effects, by name."""
         found, present = dict[str, list[Column]](), named(self.problem.believed)
+        bends = not self.problem.imposed and any(
+            e.inner(self.here.axis).bristles > 0.0 for e in self.here.axis.effects
+        )
         for name in self.names:
             try:
                 if name in present:
                     found[name] = [*_changes(name, present[name], self.base, cast(View, self.here))]
                 else:
                     found[name] = [*effect_class(name).columns(cast(View, self.here))]
+                # A level is no force while bristles bend: it is where their force ends.
+                if bends and _level(effect_class(name)):
+                    size = _SECANT * self.here.size
+                    found[name] = [
+                        secant(one, size) if len(one.force) == 1 else one for one in found[name]
+                    ]
             except (ValueError, ArithmeticError) as problem:
                 self.fail(name, str(problem))
         return found
@@ -244,7 +260,8 @@ class Gram:
                 self.fail(name, "no likelihood at any of its shapes: its law gives no numbers")
         for (name, column), row in zip(tasks, found, strict=True):
             if row is not None and np.any(row[0]):
-                yield name, column._replace(positive=True), *row
+                # A secant is a column like others: its amount follows from the normal equations.
+                yield name, column, row[0], -math.inf if column.most < math.inf else row[1]
 
     def _cost(self, likelihood: Likelihood, memory: bool) -> float:
         """Cost in one pass, of what has a memory at the better of some noises."""

@@ -160,7 +160,8 @@ class Problem:
         names = tuple(dict.fromkeys((*base, *clock, *self.also, *free)))
         # Effects on the base become part of it, unless they are free.
         owners = {name.partition(".")[0] for name in names}
-        kept = [e for n, e in named(axis).items() if n in owners and e.action == "axis"]
+        effects = named(axis).items()
+        kept = [e for n, e in effects if n in owners and e.action == "axis" and e in axis.effects]
         rest = axis.replace(effects=tuple(e for e in axis.effects if e not in kept)).effective()
         axis = rest.replace(effects=(*rest.effects, *kept)) if kept else rest
         problem = self.view(

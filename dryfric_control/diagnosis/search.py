@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dryfric_control.diagnosis.candidates import (
     catalogue,
     effect_class,
+    held_by,
     holds,
     with_effect,
 )
@@ -43,7 +44,7 @@ from dryfric_control.estimation.random_force import long_run
 from dryfric_control.estimation.scoring import FEW, SOME, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import named, renumbered
+from dryfric_control.model.effects.naming import named, put, renumbered
 
 FloatArray = NDArray[np.float64]
 
@@ -106,6 +107,12 @@ def walked(
             z = min((z, *tried), key=lambda at: likelihood.tried(at).cost)
     # What a large random force hides is not decided there.
     return min((start, z), key=lambda at: likelihood.tried(with_noises(at, noises)).cost)
+
+
+def forms(axis: FrictionAxis, names: Sequence[str]) -> list[FrictionAxis]:
+    """The axis, and with one of some effects in another form each."""
+    effects = named(axis)
+    return [axis, *(put(axis, name, one) for name in names for one in effects[name].forms(axis))]
 
 
 def with_noises(z: FloatArray, noises: FloatArray) -> FloatArray:
@@ -273,7 +280,7 @@ class Search:
                 if there is not None:
                     now = there
                 elif row is not None:
-                    now = self.pruned(Model(row.fit, (*now.causes, *row.names)))
+                    now = self.opened(self.pruned(Model(row.fit, (*now.causes, *row.names))))
                 elif now.causes:
                     self.tell("exchange", now.causes)
                     now = self.exchanged(now)
@@ -285,8 +292,21 @@ class Search:
             row = self._chosen(now, self._looked_again(now))
             if row is None:
                 break
-            now = self.pruned(Model(row.fit, (*now.causes, *row.names)))
+            now = self.opened(self.pruned(Model(row.fit, (*now.causes, *row.names))))
         return now
+
+    def opened(self, now: Model) -> Model:
+        """The model with what its causes have held free, or in another form, if likelier."""
+        free, axis = self.problem.free_of(now.fit), now.fit.axis
+        more = [n for name in now.causes for n in held_by(name) if n not in free]
+        starts = forms(axis, now.causes)[0 if more else 1 :]
+        if not starts:
+            return now
+        fits = self.problem.parallel(
+            lambda start: begun(self.problem, start, (*free, *more), now.fit), starts
+        )
+        fit = min(fits, key=cost_of)
+        return replace(now, fit=fit) if evidence(now.fit, fit) > 0.0 else now
 
     def refound(self, now: Model) -> Model | None:
         """The model likelier than before, from where the likeliest fit with no cause ended.

@@ -87,6 +87,7 @@ class Parameter:
     kind: str = "amount"  # of quantity, see `dfc.effects.parameter`
     breaks_away: bool = False  # whether it acts only at breakaway
     neutral: float = 0.0  # value at which it has no effect
+    optional: bool = False  # whether its effect may do without it
 
     def search(self, value: float) -> float:
         """Search coordinate of a value, of order 1."""
@@ -269,6 +270,7 @@ def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
         low, high = 0.0 if name in _BASE or name.endswith("[0]") else -math.inf, math.inf
         scale = value if logarithmic else scales.of(powers(declared(name)))
         kind, breaks_away, neutral = "amount", name in _BREAKS_AWAY, 0.0
+        optional = False
     else:
         owner, _, part = name.partition(".")
         effect = type(named(axis)[owner])
@@ -276,10 +278,13 @@ def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
         unit, logarithmic = effect.units(axis.units)[part], meta["logarithmic"]
         low, high = meta["bounds"]
         kind, breaks_away, neutral = meta["kind"], meta["breaks_away"], meta["neutral"] or 0.0
+        optional = meta["optional"]
         # For a parameter that starts at zero, the scale follows from its unit.
         unknown = 1.0 if kind == "angle" else scales.of(powers(meta["unit"]))
         scale = (None if logarithmic else meta["size"]) or abs(value)
         scale = scale or (scales.step if meta["unit"] == "s" else unknown)
     if logarithmic:
         low, high = max(low, value / 10.0**_DECADES), min(high, value * 10.0**_DECADES)
-    return Parameter(name, unit, low, high, logarithmic, scale, kind, breaks_away, neutral)
+    return Parameter(
+        name, unit, low, high, logarithmic, scale, kind, breaks_away, neutral, optional
+    )

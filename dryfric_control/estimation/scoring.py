@@ -224,9 +224,9 @@ def maximise(
         damping, wider, quiet, creeping = 1e-3, _WIDER, True, 0
         problem.refine(h, wider)
     bound = tuple(
-        name
-        for name, c, low, high in zip(problem.names, z, problem.low, problem.high, strict=False)
-        if c <= low or c >= high
+        p.name
+        for p, c, low, high in zip(problem.parameters, z, problem.low, problem.high, strict=False)
+        if (c <= low or c >= high) and not (p.optional and p.value(c) == p.neutral)
     )
     return Solution(
         problem, z, point, gradients, information,

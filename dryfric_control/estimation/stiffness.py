@@ -6,7 +6,7 @@ from dryfric_control.model.axis import FrictionAxis, elastic_rates
 
 # Natural frequency of a contact, and of a damped transmission, times the sampling time [rad]
 # beyond which they are too stiff: the samples do not show it, and it takes dozens of steps.
-_CONTACT, _TRANSMISSION = 3.0, 4.0
+_CONTACT, _TRANSMISSION = 30.0, 4.0
 
 
 def stiffness(axis: FrictionAxis, dt: float) -> float:

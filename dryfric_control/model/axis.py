@@ -907,7 +907,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         stribeck.excess if stribeck else 0.0,
         1.0 / stribeck.speed if stribeck else 0.0,
         axis.stick_speed,
-        axis.stick_rate,
+        inner.contact_damping / axis.mass if inner.contact > 0.0 else axis.stick_rate,
         low,
         high,
         *inner[: Inner._fields.index("load_fraction")],
@@ -916,6 +916,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         min((effect.shortest_time for effect in axis.effects), default=np.inf),
         0.0,
         inner.load_fraction if inner.half_gap > 0.0 and loaded else 1.0,
+        inner.bristles,
         *axis.coulomb.plus,
         *axis.coulomb.minus,
     ]
@@ -958,6 +959,8 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         numbers += numbers
         load = integers[axis_step.N_NUMBERS]
         numbers[load + axis_step.INVERSE_MASS] /= inner.load_fraction
+        if inner.contact > 0.0:
+            numbers[load + axis_step.STICK_RATE] /= inner.load_fraction
         numbers[load + axis_step.BEHIND] = 1.0
     result = Arrays(
         np.array(numbers, dtype=float),

@@ -455,10 +455,13 @@ def left_by_truth(effects, seed):
     axis = believed(replace(cases[0], believed=cases[0].actual))
     for slug, values in cases[0].truth.items():
         axis = with_effect(axis, slug, dict(values)).axis
-    problem = Likelihood(axis, (), [prepare(record(case)) for case in cases])
-    found = maximise(problem, problem.start(1.0))
-    noise = 0.02 * cases[0].actual["coulomb"]
-    return [found.random_force(i) / noise for i in range(len(cases))]
+    left = []
+    for case in cases:
+        problem = Likelihood(axis, (), [prepare(record(case))])
+        fits = [maximise(problem, problem.start(force)) for force in (1.0, 0.3)]
+        found = min(fits, key=lambda fit: fit.cost)
+        left.append(found.random_force() / (0.02 * case.actual["coulomb"]))
+    return left
 
 
 @pytest.mark.parametrize("place", [-0.5, 0.0, 0.5])
@@ -500,7 +503,7 @@ def test_a_force_that_repeats_within_an_increment_is_refused_before_it_is_follow
         problem.at(problem.start())
 
 
-@pytest.mark.parametrize("start", [4.73e-5, 7.88e-5, 8e-5])
+@pytest.mark.parametrize("start", [4.9e-5, 7.88e-5, 8e-5])
 def test_a_rough_cost_ends_where_no_point_around_is_lower(start):
     """Contacts stick and slide at other samples with every step: slopes are no guide.
 

@@ -145,7 +145,7 @@ def test_states_are_kept_stored_and_put_back(stages, tmp_path, version):
 EFFECTS = (
     E.Inertia(0.5), E.ViscousFriction(3.0), E.CoulombFriction(1.0), E.StribeckPeak(0.4, 3e-3),
     E.InputDelay(2.3e-3), E.ActuatorLag(3e-3), E.InputGain(1.1), E.DeadZone(0.5), E.Saturation(25.0),
-    E.Presliding(2e-5), E.Backlash(1e-4, 0.4), E.LoadEncoderBacklash(1e-4, 0.4),
+    E.Presliding(2e-5, 300.0, 1.0), E.Backlash(1e-4, 0.4), E.LoadEncoderBacklash(1e-4, 0.4),
     E.Compliance(1e5, 10.0, 0.4), E.EccentricEncoder(1e-4, 0.01, 0.5), E.BiasForce(1.0),
     E.ViscousAsymmetry(2.0), E.QuadraticDrag(5.0), E.Spring(100.0, 0.01), E.Gravity(2.0, 0.5),
     E.Cogging(0.5, 0.01, 0.5), E.TimePeriodic(0.5, 11.0, 0.5), E.CoulombAsymmetry(1.0),
@@ -157,6 +157,7 @@ EFFECTS = (
 BUILT_IN = {
     "input_delay": {"delay"}, "actuator_lag": {"time_constant"}, "backlash": {"load_fraction"},
     "load_encoder_backlash": {"load_fraction"}, "compliance": {"load_fraction"},
+    "presliding": {"bristles"},
 }  # fmt: skip
 
 

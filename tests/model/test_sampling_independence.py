@@ -22,6 +22,7 @@ import dryfric_control as dfc
 
 DT, FINER = 1e-3, 256
 PEAK = dfc.Stribeck(0.4, 0.01)
+BRISTLES = Presliding(4e-5, 90.0, 1.0)
 CONTACT, PLAY, SPRING = Presliding(4e-5), Backlash(2e-4, 0.4), Compliance(3e4, 12.0, 0.4)
 DWELL, LOADED = DwellTime(0.3, 0.02), LoadDependence(0.2)
 LAG, DELAY = ActuatorLag(5e-3), InputDelay(2.3e-3)
@@ -30,6 +31,7 @@ MAP = dfc.CoulombMap(plus=[8.0, 30.0], minus=[7.0, -20.0])
 AXES = {
     "rigid": {},
     "contact": {"effects": [CONTACT]},
+    "bristles, peak": {"effects": [BRISTLES], "stribeck": PEAK},
     "contact, high peak": {"effects": [Presliding(3e-4)], "stribeck": dfc.Stribeck(2.9, 0.0075)},
     "contact, map": {"effects": [CONTACT], "coulomb": MAP, "travel": (-0.1, 0.1)},
     "contact, load": {"effects": [CONTACT, LOADED]},

@@ -23,6 +23,7 @@ STIFFNESS = COULOMB / DISTANCE
 OMEGA = math.sqrt(STIFFNESS / MASS)
 
 PRESLIDING = dfc.effects.Presliding(distance=DISTANCE)
+BRISTLES = dfc.effects.Presliding(distance=DISTANCE, damping=300.0, bristles=1.0)
 BACKLASH = dfc.effects.Backlash(gap=2e-4, load_fraction=0.4)
 COMPLIANCE = dfc.effects.Compliance(stiffness=3e4, damping=12.0, load_fraction=0.4)
 STRUCTURES = [
@@ -31,6 +32,9 @@ STRUCTURES = [
     (COMPLIANCE,),
     (PRESLIDING, BACKLASH),
     (PRESLIDING, COMPLIANCE),
+    (BRISTLES,),
+    (BRISTLES, BACKLASH),
+    (BRISTLES, COMPLIANCE),
 ]
 
 
@@ -115,6 +119,20 @@ def test_slow_loop_loses_the_area_of_a_prandtl_element():
     # The sum over 20,000 chords cuts the corners of the loop by less than 1e-4.
     assert area == pytest.approx(4.0 * COULOMB * (amplitude - DISTANCE), rel=1e-3)
     assert amplitude > 3.0 * DISTANCE
+
+
+@pytest.mark.parametrize("stribeck", [None, dfc.Stribeck(0.4, 5e-3)])
+@pytest.mark.parametrize("damping", [30.0, 300.0])
+def test_bristles_are_the_model_of_lugre(damping, stribeck):
+    """Against the published equations, integrated by a general solver."""
+    bristles = dfc.effects.Presliding(distance=DISTANCE, damping=damping, bristles=1.0)
+    bare = axis_with(viscous=15.0, stribeck=stribeck)
+    t = 1e-3 * np.arange(400)
+    u = 1.2 * COULOMB * np.sin(44.0 * t) + 0.4 * COULOMB * np.sin(195.0 * t + 1.0)
+    found = bare.replace(effects=(bristles,)).simulate(u, dt=1e-3)
+    law = dfc.laws.LuGre(stiffness=COULOMB / DISTANCE, damping=damping, tolerance=1e-12)
+    truth = bare.simulate(u, dt=1e-3, law=law)
+    np.testing.assert_allclose(found.y[0], truth.y[0], atol=3e-5 * np.ptp(truth.y[0]))
 
 
 @pytest.mark.parametrize("s", [1.0, -1.0])

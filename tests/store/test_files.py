@@ -33,8 +33,8 @@ DIAGNOSIS = dfc.Diagnosis(
     Unexplained(0.0, False, ()), None, (), {}, 0.25, np.zeros(3, np.int64),
 )  # fmt: skip
 PLAN = Experiment(
-    "steps", "steps", "step it", damage.T, damage.REFERENCE, None, (), {}, {}, "coulomb", {}, {},
-    ("m", "N"),
+    name="steps", title="steps", description="step it", t=damage.T, reference=damage.REFERENCE,
+    score={}, tried={}, cause="coulomb", units=("m", "N"),
 )  # fmt: skip
 RAMP = dfc.slow_ramp_experiment(AXIS, duration=5.0)
 

@@ -34,8 +34,9 @@ def diagnosis():
         (0.5, 1.5), ("gravity",), "e", "x",
     )  # fmt: skip
     plan = Experiment(
-        "steps", "steps", "step it", T, np.sin(T), None, ("gravity",), {"gravity": 3.0}, {"a": 1.0},
-        "spring", {"spring": T}, {"spring": U}, ("m", "N"),
+        name="steps", title="steps", description="step it", t=T, reference=np.sin(T),
+        separates=("gravity",), score={"gravity": 3.0}, tried={"a": 1.0}, cause="spring",
+        positions={"spring": T}, drives={"spring": U}, units=("m", "N"),
     )  # fmt: skip
     return dfc.Diagnosis(
         AXIS, RECORD, "explained", (cause,), AXIS, Gain(1e-3, 1e-6, 1e-6, (0.9, 1.1), "m"),

@@ -142,6 +142,10 @@ class Inner(NamedTuple):
         Share of the mass behind the gap or transmission.
     on_load : float
         1 if the encoder is on the load, behind the gap or transmission.
+    contact_damping : float
+        Of an elastic contact [N s/m].
+    bristles : float
+        1 if the elastic contact consists of bristles.
 
     Examples
     --------
@@ -158,6 +162,8 @@ class Inner(NamedTuple):
     damping: float = 0.0
     load_fraction: float = 0.0
     on_load: float = 0.0
+    contact_damping: float = 0.0
+    bristles: float = 0.0
 
 
 #: What an effect depends on, by the arguments that its law reads.
@@ -322,7 +328,8 @@ class Effect:
     @classmethod
     def needs_velocities(cls) -> bool:
         """Whether only motion at different velocities shows it."""
-        units = (re.findall("[a-z]+", p["unit"]) for p in cls.parameters().values())
+        free = (p for p in cls.parameters().values() if p["free"])
+        units = (re.findall("[a-z]+", p["unit"]) for p in free)
         return any({"m", "s"} <= set(names) for names in units)
 
     def inner(self, axis: BaseAxis) -> Inner:
@@ -369,6 +376,10 @@ class Effect:
             The states of the model in the records.
         """
         yield from by_law(cls, view)
+
+    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
+        """The same effect with another law, of the same size, none by default."""
+        return ()
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
         """Distance [m] and time [s] after a reversal without its force.

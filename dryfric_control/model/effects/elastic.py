@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import signal
@@ -31,13 +31,20 @@ class Presliding(Effect):
 
     Notes
     -----
-    .. math:: F = \frac{F_c}{\text{distance}} z, \quad \dot z = v, \quad {|F|} \le F_c
+    .. math:: F = k z + \text{damping}\, \dot z, \quad k = \frac{F_c}{\text{distance}},
+        \quad \dot z = v \;\text{ until }\; {|k z|} = F_s
 
-    Prandtl's element: elastic up to the friction level, at which it slides; when the motion
-    reverses, the contact unloads from its present state.  Fc is one constant level, the mean
-    of both directions in the middle of the travel.  Mode 0 is the elastic phase: the axis moves in
-    it, ``m v' = w - f v - F``, and stick velocity and stuck-mode decay rate are not used.  A
-    simulation starts with the contact unstrained.
+    Prandtl's element: elastic up to the friction level, at which it slides (and is not damped
+    any more); when the motion reverses, the contact unloads from its present state.  Contacts of
+    many bristles yield gradually (``bristles=1``: Dahl 1968; with damping and Stribeck peak that
+    of Canudas de Wit, Olsson, Astrom and Lischinsky 1995, LuGre):
+
+    .. math:: \dot z = v - {|v|} \frac{k z}{F_s}
+
+    Fc is one constant level, the mean of both directions in the middle of the travel; Fs is the
+    level at which the axis slides now.  Mode 0 is the elastic phase, that of bristles until their
+    force is 1 % below the level: the axis moves in it, ``m v' = w - f v - F``, and stick velocity
+    and stuck-mode decay rate are not used.  A simulation starts with the contact unstrained.
 
     Examples
     --------
@@ -55,6 +62,14 @@ class Presliding(Effect):
     distance: float = parameter(
         "m", "displacement over which the Coulomb level builds up", bounds=(1e-300, math.inf)
     )
+    damping: float = parameter(
+        "N s/m", "damping of the contact before it slides", bounds=(0.0, math.inf), default=0.0,
+        free=False,
+    )  # fmt: skip
+    bristles: float = parameter(
+        "1", "from 0.5 on it yields gradually, below it is elastic until it slides",
+        bounds=(0.0, 1.0), kind="share", default=0.0, free=False,
+    )  # fmt: skip
 
     slug = "presliding"
     title = "presliding"
@@ -67,11 +82,25 @@ class Presliding(Effect):
 
     def inner(self, axis: BaseAxis) -> Inner:
         # Stiffness of the contact, none without a Coulomb level.
-        return Inner(contact=middle_level(axis.coulomb, axis.travel) / self.distance)
+        stiffness = middle_level(axis.coulomb, axis.travel) / self.distance
+        return Inner(
+            contact=stiffness, contact_damping=self.damping, bristles=float(self.bristles >= 0.5)
+        )
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
         # From one sign of the Coulomb level to the other.
         return 2.0 * self.distance, 0.0
+
+    def meaning(self, units: tuple[str, str]) -> str:
+        if self.bristles >= 0.5:
+            return "the contact yields gradually, as many bristles do (LuGre)"
+        return ""
+
+    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
+        if self.bristles >= 0.5:
+            return (replace(self, bristles=0.0),)
+        stiffness = middle_level(axis.coulomb, axis.travel) / self.distance
+        return (replace(self, bristles=1.0, damping=math.sqrt(stiffness * axis.mass)),)
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
@@ -79,6 +108,10 @@ class Presliding(Effect):
         metal = _elastic_length(view) * np.geomspace(0.7, 20.0, 8)
         for distance in (*metal, *(d for d in _SOFT * view.span if d > metal[-1])):
             yield simulated(distance=float(distance))
+        # Bristles without their damping swing on, which nothing else in a record does.
+        for distance in metal[::2]:
+            damping = math.sqrt(view.size / float(distance) * view.axis.mass)
+            yield simulated(distance=float(distance), damping=damping, bristles=1.0)
 
 
 @register_effect

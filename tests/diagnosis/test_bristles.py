@@ -1,0 +1,51 @@
+"""A contact of bristles (LuGre), made by a simulator of its own, is found with its Stribeck peak."""
+
+import numpy as np
+import pytest
+from numba import njit
+
+import dryfric_control as dfc
+
+M, F, FC, EXCESS, SPEED = 2.5, 20.0, 9.0, 0.35, 5e-3
+DISTANCE, DAMPING = 3e-5, 700.0
+
+
+@njit
+def controlled(reference, dt, steps, k):
+    """Readings and inputs of a LuGre axis under a position loop, implicit in the bristles."""
+    h, x, v, z = dt / steps, 0.0, 0.0, 0.0
+    y, u, before = np.empty(reference.size), np.empty(reference.size), 0.0
+    for i in range(reference.size):
+        y[i] = np.floor(x / 1e-6 + 0.5) * 1e-6
+        u[i] = np.round(k * (reference[i] - y[i]) - 0.03 * k * (y[i] - before) / dt, 3)
+        before = y[i]
+        for _ in range(steps):
+            level = FC * (1.0 + EXCESS * np.exp(-((v / SPEED) ** 2)))
+            new = (z + h * v) / (1.0 + h * FC / DISTANCE * abs(v) / level)
+            force = FC / DISTANCE * new + DAMPING * (new - z) / h
+            z = new
+            v += h * (u[i] - force - F * v) / M
+            x += h * v
+    return y, u
+
+
+@pytest.fixture(scope="module")
+def found():
+    t = 1e-3 * np.arange(7000)
+    reference = 0.1 * np.sin(1.7 * t) + 0.04 * np.sin(4.1 * t) + 0.02 * np.sin(11.0 * t)
+    y, u = controlled(reference, 1e-3, 200, 3e3)
+    axis = dfc.FrictionAxis(mass=M, viscous=F, coulomb=FC)
+    return dfc.diagnose(axis, dfc.Record(t, u, y), progress=False)
+
+
+def test_bristles_and_peak_are_found_and_nothing_else(found):
+    assert found.verdict == "explained"
+    assert {c.effect for c in found.causes} == {"presliding", "stribeck"}
+    effect = found.extended.effects[0]
+    assert effect.bristles == 1.0
+    assert effect.distance == pytest.approx(DISTANCE, rel=0.03)
+    assert effect.damping == pytest.approx(DAMPING, rel=0.05)
+    # The peak of the axis begins at its stick velocity, that of the truth at zero.
+    assert found.extended.stribeck.excess == pytest.approx(EXCESS, rel=0.05)
+    assert found.gain.ratio > 100.0
+    assert found.extended.effective().stribeck == found.extended.stribeck

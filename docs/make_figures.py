@@ -35,7 +35,7 @@ def bode_and_step(
         phase.semilogx(omega, np.degrees(np.unwrap(np.angle(response))), color=colour)
         moved = ct.step_response(system, T=np.arange(200) * system.dt)
         step.plot(1e3 * moved.t, np.ravel(moved.y), color=colour, label=NAMES[mode])
-    magnitude.set(title=title, ylabel=f"magnitude [{unit}]")
+    magnitude.set(title=title, ylabel=f"magnitude\n[{unit}]")
     phase.set(xlabel="Frequency [rad/s]", ylabel="phase [deg]")
     step.set(title="step", xlabel="Time [ms]", ylabel=y)
     step.legend(frameon=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import warnings
 from collections.abc import Iterable
 
@@ -11,6 +12,15 @@ from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
 from dryfric_control.text import did_you_mean
+
+
+def warn(message: str, category: type[Warning] = UserWarning) -> None:
+    """Warn at the line that called this package, however deep in it the reason is seen."""
+    # From Python 3.12 on this is skip_file_prefixes of warnings.warn.
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] == __package__:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=level)
 
 
 def finite(name: str, value: object, *, unit: str = "") -> float:
@@ -44,18 +54,17 @@ def sampling_time(dt: object) -> float:
     number = positive("dt", dt, unit="s")
     if number >= 0.1:
         ms = f"it is in seconds, {number:g} ms is dt={1e-3 * number:g}"
-        warnings.warn(f"dt = {number:g} s is long for an axis: {ms}", stacklevel=3)
+        warn(f"dt = {number:g} s is long for an axis: {ms}")
     return number
 
 
-def increment(value: object, unit: str, *, zero: bool = False, stacklevel: int = 3) -> float:
+def increment(value: object, unit: str, *, zero: bool = False) -> float:
     """`encoder_quantum` of a design, with a warning where counts may be meant."""
     number = positive("encoder_quantum", value, unit=unit, zero=zero)
     if number >= 0.5 and unit in ("m", "rad"):
-        warnings.warn(
+        warn(
             f"encoder_quantum = {number:g} {unit} is coarse for an axis: it is the length of one "
             f"count in {unit}, not a number of counts",
-            stacklevel=stacklevel,
         )
     return number
 
@@ -84,12 +93,19 @@ def instance(name: str, value: object, kind: type, mend: str = "") -> None:
         )
 
 
+def string(name: str, value: object) -> str:
+    """Reject what is no text."""
+    if not isinstance(value, str):
+        raise ValueError(f"{name} must be text, got {short(value)}")
+    return value
+
+
 def known_keys(name: str, given: Iterable[str], known: Iterable[str]) -> None:
     """Refuse keys that nobody reads, with the nearest that somebody does."""
     known = list(known)
     for key in given:
         if key not in known:
-            near = did_you_mean(key, known)
+            near = did_you_mean(str(key), known)
             raise ValueError(f"{name}{key} is not known{near}; known are {', '.join(known)}")
 
 

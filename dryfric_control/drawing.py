@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dryfric_control.checks import string
 from dryfric_control.text import rotary_words, typeset
 
 #: Grey of measured dots and lines.
@@ -34,6 +35,7 @@ class PanelPlot(ct.ControlPlot):
 
     def set_plot_title(self, title: str, frame: str = "axes") -> None:
         """Replace the title above the first panel, or, of frame "figure", that of the figure."""
+        string("title", title)
         # python-control calls `tight_layout`, which ends the constrained layout.
         if frame == "figure":
             self.figure.suptitle(title)
@@ -43,8 +45,13 @@ class PanelPlot(ct.ControlPlot):
             raise ValueError(f'frame must be "axes" or "figure", got {frame!r}')
 
 
-def axes_of(ax: Any, rows: int, **options: Any) -> NDArray[Any]:
-    """Axes to draw in, shape (rows,): the given ones, or those of a new figure."""
+def axes_of(ax: Any, rows: int, title: str | None = None, **options: Any) -> NDArray[Any]:
+    """Axes to draw in, shape (rows,): the given ones, or those of a new figure.
+
+    The title is looked at and not drawn, so that no figure is made in vain.
+    """
+    if title is not None:
+        string("title", title)
     if ax is None:
         settings = {"sharex": True, "figsize": (7.0, 1.2 + 1.6 * rows), "layout": "constrained"}
         _, made = plt.subplots(rows, 1, squeeze=False, **(settings | options))
@@ -95,7 +102,7 @@ def panels(
 
     def made(draw: Callable[..., str]) -> Callable[..., PanelPlot]:
         def plot(self: Any, ax: Any = None, title: str | None = None) -> PanelPlot:
-            axes = axes_of(ax, rows(self) if callable(rows) else rows, **options)
+            axes = axes_of(ax, rows(self) if callable(rows) else rows, title, **options)
             own = draw(self, axes)
             title_above(axes[0], own if title is None else title)
             return control_plot(axes)

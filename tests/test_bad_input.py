@@ -139,13 +139,13 @@ CALLS: dict[str, Callable[..., Any]] = {
             (CONTROLLER, "from_bandwidth memory"),
             (
                 RECORD,
-                "from_irregular split_at_gaps from_frame window split blocks decimated resampled",
+                "from_irregular split_at_gaps from_frame window split blocks decimated resampled save",
             ),
             (RECORD, "commanded derivatives to_csv plot read compare"),
             (dfc.Scaling(), "of from_dict from_file"),
             (DESIGN, "mode_matrices error_dynamics save"),
             (dfc.ObserverStepper(DESIGN), "step"),
-            (FIT, "interval bootstrap replay plot"),
+            (FIT, "interval bootstrap replay save plot"),
             (PLAN, "to_csv plot"),
         )
         for name in names.split()
@@ -357,7 +357,7 @@ rows(
     ("SimulationResponse", dict(ax=[1.0]), "3 axes"),
     ("SimulationResponse", dict(ax=["a", "b", "c"]), "Axes"),
     ("Events", dict(before=2), r"0 \(stuck\)"),
-    ("Events", dict(after="stuck"), r"0 \(stuck\)"),
+    ("Events", dict(after=Each("stuck", [])), r"0 \(stuck\)"),
 )
 
 # ----------------------------------------------------------------- effects
@@ -440,6 +440,8 @@ rows(
     ("Record.read", dict(positions=X[:5]), "give one each", "positions"),
     ("Record.read", dict(positions=nan_at(X)), "remove these samples", "positions"),
     ("Record.compare", dict(name="w"), "it has v", "'w'"),
+    ("Record.compare", dict(name=[]), "must be text"),
+    ("Record.read", dict(rng=3), "default_rng"),
     ("Record.to_csv", dict(path="run.xlsx"), "csv", "to_csv"),
     ("Record.plot", dict(ax=3), "one for each row"),
     ("Record", {}, "slice", "record", lambda: RECORD[3], TypeError),
@@ -481,6 +483,7 @@ rows(
     ("Scaling", dict(rated_torque=1.0, rated_force=1.0), "a motor has one"),
     ("Scaling", dict(lead=0.1, pinion_radius=0.02), "an axis has one"),
     *(("Scaling", {name: 0.0}, "more than zero") for name in _MOTOR.split()),
+    ("Scaling.from_dict", dict(data={3: 4}), "counts_per_turn", "record.3"),
     ("Scaling.from_dict", dict(data={"counts_per_trun": 1}), "'counts_per_turn'", "record.counts_"),
 )
 files(
@@ -553,7 +556,7 @@ rows(
     ("read_record", dict(source="/nowhere/run.csv"), "no file", "run.csv", FileNotFoundError),
     ("read_record", dict(source="a\0b.csv"), "no file", "a", FileNotFoundError),
     ("read_record", dict(source="/"), "give one file in it", "directory", IsADirectoryError),
-    ("read_record", dict(source=Each(3, None, [T, U, X])), "path", "read_record", TypeError),
+    ("read_record", dict(source=Each(3, None, [T, U, X])), "path, a data frame"),
     ("write_axis", {}, "axis.toml", "nowhere", FileNotFoundError),
     ("ObserverDesign.save", {}, "axis.toml", "nowhere", FileNotFoundError),
     ("Record.to_csv", dict(path="/nowhere/run.csv"), "make it", "/nowhere", FileNotFoundError),
@@ -777,7 +780,7 @@ SIGNED: dict[str, tuple[tuple[Any, str], ...]] = {
         ((-1.0, NOT_NEGATIVE),),
     ),
 }
-_WHOLE, _CHOICE = r"whole number|odd number|\+1( or|,)", "text|one of|must be .* or "
+_WHOLE, _CHOICE = r"whole number|odd number|\+1( or|,)", "text|one of|must be .* or |C identifier"
 #: By the start of its annotation.
 TYPED: dict[str, tuple[tuple[Any, str], ...]] = {
     "float": tuple((bad, NUMBER) for bad in (NAN, INF, "1 m", True)),
@@ -812,17 +815,14 @@ def typed(annotation: str) -> tuple[tuple[Any, str], ...]:
 
 # Records check their columns by rules of their own; a log must be there first.
 OTHERWISE = {"Record", "Record.from_irregular", "Record.split_at_gaps", "read_bam", "Saturation"}
-# Kept by axis and dt, so that 1.0 and True are one; dt = 0 is continuous time.
-OTHERWISE |= {"FrictionAxis.arrays", "FrictionAxis.mode_ss"}
+OTHERWISE |= {"FrictionAxis.mode_ss"}  # dt = 0 is continuous time
 # Effects have bounds; a model must be there first.
 OTHERWISE |= {"Effect", "Law", "to_mjcf", *(cls.__name__ for cls in REGISTRY.values())}
 # Handed on to matplotlib, python-control or the file system, endless on purpose, or used only
 # where a model, a log or another argument is there: rows of their own, if any.
 UNTYPED = set(
-    "title name progress limit source Law.tolerance read_bam.dt Record.window.t0 Record.window.t1 "
-    "Record.read.origin read_record.max_gap FrictionAxis.arrays.dt Record.to_csv.path "
-    "Experiment.to_csv.path "
-    "ObserverDesign.save.path write_axis.path Scaling.from_dict.data Record.from_frame.columns".split()
+    "progress limit source Law.tolerance read_bam.dt Record.window.t0 Record.window.t1 "
+    "read_record.max_gap Record.from_frame.columns".split()
 ) | {f"to_{model}.{name}" for model in ("mjcf", "urdf", "modelica") for name in ("joint", "out")}
 for _name in SOUND:
     for _argument, _annotation in parameters(_name):
@@ -927,9 +927,8 @@ def test_every_public_name_is_in_the_table():
 
 def test_every_argument_is_in_the_table():
     """Each argument of each public function is spoiled at least once."""
-    # Blocks hand their name to python-control; `progress` is asked for its truth alone.
-    free = {"progress", "name"}
-    elsewhere = {"register_effect.cls", "write_axis.path"}
+    free = {"progress"}  # asked for its truth alone
+    elsewhere = {"register_effect.cls"}
     missing = set()
     for name in set(PUBLIC) - NOTHING_TO_SPOIL - GIVEN:
         thing = PUBLIC[name]
@@ -943,6 +942,7 @@ def test_every_argument_is_in_the_table():
 # ------------------------------------------------------------------ warnings
 
 STRETCHES = (np.arange(N) < 700) | (np.arange(N) > 1994)
+PLAY = AXIS.replace(effects=fx.Backlash(1e-4, 0.5))
 CONTACT = AXIS.replace(effects=fx.Presliding(1e-5))
 COUNTS = "one count in m, not a number of counts"
 SUSPECT: dict[str, tuple[Callable[..., Any], tuple[Any, ...], str]] = {
@@ -954,6 +954,7 @@ SUSPECT: dict[str, tuple[Callable[..., Any], tuple[Any, ...], str]] = {
         "5 samples .* left out",
     ),
     "observer leaves out": (dfc.design_pi_observer, (CONTACT, DT), "leaves out presliding"),
+    "compensation leaves out": (dfc.design_compensation, (PLAY, DT), "leaves out backlash"),
     "observer, counts for metres": (
         functools.partial(dfc.design_pi_observer, encoder_quantum=1.0),
         (AXIS, DT),
@@ -968,5 +969,6 @@ SUSPECT: dict[str, tuple[Callable[..., Any], tuple[Any, ...], str]] = {
 @pytest.mark.parametrize("case", SUSPECT)
 def test_suspect_input_brings_a_warning(case):
     call, arguments, words = SUSPECT[case]
-    with pytest.warns(UserWarning, match=words):
+    with pytest.warns(UserWarning, match=words) as told:
         call(*arguments)
+    assert {one.filename for one in told} == {__file__}, "points into the package"

@@ -110,6 +110,7 @@ class TrackingCertificate(Result):
     limit: float = stated("Largest force of the drive [N].", math.inf)
     friction_most: float = stated("The same, stuck or against the reference [N].", 0.0)
     known: tuple[str, ...] = stated("Effects that it takes as they are.", ())
+    reasons: tuple[str, ...] = stated("Why no finite tube holds, and what to change.", ())
 
     @property
     def no_hunting(self) -> bool:
@@ -118,11 +119,14 @@ class TrackingCertificate(Result):
 
     def _shown(self) -> Iterator[str]:
         length, force = self.units
-        yield (
-            f"tube   {length_text(self.tube, length)} for {100 * self.mismatch:g} % of mismatch"
-            f"{', slow references' * self.slow}: "
-            + ", ".join(f"{name} {length_text(one, length)}" for name, one in self.parts.items())
-        )
+        covered = f"for {100 * self.mismatch:g} % of mismatch{', slow references' * self.slow}"
+        if self.reasons:
+            yield f"tube   none is finite {covered}"
+        else:
+            parts = (f"{name} {length_text(one, length)}" for name, one in self.parts.items())
+            yield f"tube   {length_text(self.tube, length)} {covered}: {', '.join(parts)}"
+        for reason in self.reasons:
+            yield f"why    {reason}"
         yield (
             f"loop   L1 gain {self.nominal.l1:.4g} {length}/{force} nominal, {self.worst.l1:.4g} "
             f"at the worst axis; force left over at most {self.friction_left:.4g} {force} while "
@@ -135,10 +139,9 @@ class TrackingCertificate(Result):
             f"{1e3 * self.delay_margin:.3g} ms beyond that of the axis"
         )
         if math.isfinite(self.limit):
-            enough = self.drive_needed <= self.limit
             yield (
                 f"drive  up to {self.drive_needed:.4g} {force} may be needed, the limit is "
-                f"{self.limit:g} {force}" + ("" if enough else ": TOO LOW, no error is certified")
+                f"{self.limit:g} {force}"
             )
         for name, holds, detail in self.conditions:
             yield f"rest   {'holds' if holds else 'FAILS'}: {name} ({detail})"
@@ -310,7 +313,7 @@ def certify_tracking(
     sliding, largest = sliding + moved, friction + fed + 2.0 * moved
     if not bounded:
         sliding = largest
-    half, needed = 0.5 * loop.encoder_quantum, 0.0
+    half, needed, largest_gain = 0.5 * loop.encoder_quantum, 0.0, 0.0
     parts: dict[str, float] = {}
     gains = []
     for m, f, d in itertools.product(
@@ -335,6 +338,7 @@ def certify_tracking(
             missed, quick, drive = np.array([missed, quick, drive]) + start
         reading = half * one.reading
         gain = stick_slip_gain(response[:, 0]) if bounded else one.l1
+        largest_gain = max(largest_gain, gain)
         # Where the feedforward changes sides, it and friction brake what the axis is too fast by.
         turning = float(quick + half * one.reading_speed + early)
         kick = turning * mass * np.abs(response[:, 0]).max() / dt + _TURN * gain * sliding
@@ -370,7 +374,42 @@ def certify_tracking(
         tube, parts, float(sliding), nominal, worst, mu, learned,
         _conditions(loop, laws, worst, mu), axis.units, reference is None, delay_margin(loop),
         needed, float(c[kernel.LIMIT]), float(largest), loop.known,
+        tuple(_reasons(loop, worst, largest_gain, laws.slope, needed)),
     )  # fmt: skip
+
+
+def _reasons(
+    loop: Loop, worst: LoopGains, gain: float, slope: float, needed: float
+) -> Iterator[str]:
+    """Conditions of a finite tube that fail, each with what to change."""
+    length, force = loop.axis.units
+    limit = float(loop.numbers[kernel.LIMIT])
+    if worst.radius >= 1.0:
+        yield (
+            "the linear loop is unstable for an axis within the mismatch (spectral radius "
+            f"{worst.radius:.4g}): lower bandwidth, input_delay or mismatch"
+        )
+    elif math.isinf(gain):
+        yield (
+            "a slip may end farther from its target than it began, as the loop is not damped "
+            "enough: lower bandwidth or input_delay, or give gains with a larger kd"
+        )
+    elif gain * slope >= 1.0:
+        yield (
+            f"force effects and levels change with position by up to {slope:.4g} "
+            f"{force}/{length}, and the loop can bound the error below {1.0 / gain:.4g} "
+            f"{force}/{length} only: raise bandwidth; a shorter dt or input_delay allows more"
+        )
+    if loop.left_out:
+        yield (
+            f"not covered: {', '.join(loop.left_out)}. Design for axis.replace(effects=...) with "
+            "the others only, and see what this one adds with simulate_loop on the full axis"
+        )
+    if needed > limit:
+        yield (
+            f"the drive may need {needed:.4g} {force}, more than its limit of {limit:g} {force}: "
+            "raise limit, or lower mismatch, bandwidth or the acceleration of the reference"
+        )
 
 
 def _fastest(reference: MotionProfile | None) -> float:

@@ -5,6 +5,7 @@ Motion depends only on the ratio of all forces to the gain: both may be scaled a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
@@ -12,6 +13,8 @@ from dryfric_control.diagnosis.candidates import SLUGS, effect_class, holds
 from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects import InputGain
+from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.effects.naming import named, title_of
 from dryfric_control.text import rotary_words
 
@@ -100,3 +103,40 @@ def or_a_gain(
             others = ("+".join([one, *rest]) for one in scales(cause))
             found[i] = replace(cause, alternatives=(*cause.alternatives, *others))
     return found
+
+
+def scaled(axis: FrictionAxis, scale: float) -> FrictionAxis:
+    """The axis that moves alike: every force, and the gain of the drive, times `scale`."""
+    gain, effects = scale, []
+    for effect in axis.effects:
+        if isinstance(effect, InputGain):
+            gain *= effect.gain
+            continue
+        forces = (n for n, about in effect.parameters().items() if about["unit"][:1] == "N")
+        effects.append(replace(effect, **{n: scale * getattr(effect, n) for n in forces}))
+    if not math.isclose(gain, 1.0):
+        effects.insert(0, InputGain(gain))
+    return axis.replace(
+        mass=scale * axis.mass, viscous=scale * axis.viscous,
+        coulomb=axis.coulomb.scaled(scale), effects=effects,
+    )  # fmt: skip
+
+
+def rival(
+    axis: FrictionAxis, believed: FrictionAxis, causes: Sequence[Cause]
+) -> tuple[FrictionAxis, str, str] | None:
+    """An axis that moves alike by another gain, and names of the cause and what replaces it."""
+    # A dead zone, say, may come before or behind the gain.
+    between = any(e.action == "input" and not isinstance(e, InputGain) for e in axis.effects)
+    if between or GAIN not in REGISTRY:
+        return None
+    for cause in causes:
+        for other in cause.alternatives:
+            if cause.effect == GAIN and "+" in other:
+                return scaled(axis, 1.0 / cause.parameters["gain"]), GAIN, other
+            if other.split("+")[0] == GAIN and cause.effect in SLUGS.values():
+                (value,), (nominal,) = (
+                    values_of(a, tuple(cause.parameters)) for a in (axis, believed)
+                )
+                return scaled(axis, nominal / value), cause.effect, other
+    return None

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
 from dryfric_control.diagnosis.answer import causes_of, varying
-from dryfric_control.diagnosis.causes import hardly_determined
+from dryfric_control.diagnosis.causes import hardly_determined, rival
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, quieter
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
@@ -317,7 +317,7 @@ def _answered(
     experiment = None
     if not (late or interrupted):
         tell("next experiment", model.causes)
-        experiment = _experiment(problem, model, final, rivals, records[0])
+        experiment = _experiment(problem, model, final, rivals, causes, records[0])
     finished = not (late or interrupted)
     return Diagnosis(
         axis=problem.believed,
@@ -418,12 +418,14 @@ def _experiment(
     model: Model,
     final: Solution,
     rivals: Mapping[str, dict[str, Solution]],
+    causes: Sequence[Any],
     record: Record,
 ) -> Experiment | None:
     """The experiment that separates the first doubtful cause from its alternatives."""
     doubtful = next((n for n in model.causes if rivals.get(n)), None)
     if doubtful is None:
-        return None
+        other = rival(final.axis, problem.believed, causes)
+        return other and next_experiment(final.axis, other[:1], record, names=other[1:])
     some = dict(list(rivals[doubtful].items())[:RIVALS])
     axes = [fit.axis for fit in some.values()]
     return next_experiment(final.axis, axes, record, names=[doubtful, *some])
@@ -448,7 +450,7 @@ def _cut(
     """Windows of a record; ValueError if it cannot be diagnosed."""
     windows = cut(record, window, hold)
     check_units(axis, record, name)
-    warn_if_implausible(axis, record, 4)
+    warn_if_implausible(axis, record)
     if len(windows) < least:
         raise ValueError(
             f"{name} lasts {record.duration:.3g} s, which is {len(windows)} windows of "

@@ -19,7 +19,7 @@ from dryfric_control.drawing import DASHES, legend_above, panels
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of, titles_of
 from dryfric_control.records.record import Record
-from dryfric_control.store.files import replacing
+from dryfric_control.store.files import file_path, replacing
 from dryfric_control.text import Result, documented, fields_of, rotary_words, stated
 from dryfric_control.ties import above, ranked
 from dryfric_control.units import check_units
@@ -123,6 +123,7 @@ class Experiment(Result):
         ValueError
             If the experiment has no reference to follow.
         """
+        file_path("path", path)
         if not self.t.size:
             raise ValueError(
                 "this experiment is a change of the bench and has no reference to write: "

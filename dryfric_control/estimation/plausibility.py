@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 
+from dryfric_control.checks import warn
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.data_check import energy_message
 from dryfric_control.records.record import Record
@@ -22,14 +22,14 @@ _WEAK = 0.5
 _STRONG = 30.0
 
 
-def warn_if_implausible(axis: FrictionAxis, record: Record, stacklevel: int = 3) -> None:
+def warn_if_implausible(axis: FrictionAxis, record: Record) -> None:
     """RecordWarning about wrong units, reversed sign or swapped columns.
 
     Positions lie far outside the travel, or the drive extracts energy from the machine or is too
     weak for the friction of the axis or for its acceleration.
     """
     for message in _messages(axis, record):
-        warnings.warn(message, RecordWarning, stacklevel=stacklevel)
+        warn(message, RecordWarning)
 
 
 def check_distinct(records: Sequence[Record]) -> None:

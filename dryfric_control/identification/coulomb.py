@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +11,7 @@ from numpy.polynomial import Legendre, Polynomial, legendre
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats, Ints
-from dryfric_control.checks import instance
+from dryfric_control.checks import instance, warn
 from dryfric_control.drawing import MEASURED, labelled, panels
 from dryfric_control.estimation.uncertainty import half_width
 from dryfric_control.identification import crawl
@@ -215,11 +214,10 @@ def identify_coulomb(
         else:
             chosen = int(degree)
         if count < _ENOUGH:
-            warnings.warn(
+            warn(
                 f"the level in {name} direction rests on {count} slips: a stiffer or faster loop "
                 "makes more and smaller ones",
                 FitWarning,
-                stacklevel=2,
             )
         fits[s] = _with_covariance(crawl.level_of(own, friction, travel, chosen), blocks)
     plus, minus = (Legendre(fits[s][0], domain=travel).convert(kind=Polynomial) for s in (1, -1))
@@ -241,12 +239,11 @@ def identify_coulomb(
 def _tell(pieces: crawl.Pieces, record: Record, what: str) -> None:
     """Warn that levels are friction at the velocity of the crawl."""
     speed = float(np.average(np.abs(pieces.v), weights=pieces.way))
-    warnings.warn(
+    warn(
         f"{what}: the levels are friction at {speed:.3g} {record.units.get('x', 'm')}/s, with "
         "viscous friction and whatever a Stribeck peak adds there in them. Give axis= to take "
         "both off, or let the axis stick and slip (a softer loop) or move faster",
         FitWarning,
-        stacklevel=3,
     )
 
 
@@ -265,13 +262,12 @@ def _tell_of_a_peak(pieces: crawl.Pieces, record: Record, travel: tuple[float, f
         what = f"friction falls with velocity, by {percent(fall)} of the level around {usual:.3g}"
     else:
         return
-    warnings.warn(
+    warn(
         f"{what} {record.units.get('x', 'm')}/s: the levels hold there, and contain whatever a "
         "Stribeck peak adds, which is not in their standard errors. Give the axis its peak, "
         "axis.replace(stribeck=dfc.Stribeck(...)), with an excess of 0 where there is none, or "
         "let it stick and slip (a softer loop), or move faster",
         FitWarning,
-        stacklevel=3,
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import finite, instance, positive, whole
+from dryfric_control.checks import finite, instance, positive, warn, whole
 from dryfric_control.drawing import MEASURED, labelled, panels
 from dryfric_control.estimation import uncertainty
 from dryfric_control.estimation.continuation import continued
@@ -71,11 +70,12 @@ _SHOWN_BY = {
 }
 #: Length of the free runs [s].
 WINDOW = 0.25
-# Their number in a record without a drive: enough blocks for the standard errors.
-_UNDRIVEN = 8
-# Force of a velocity's noise that may act from sample to sample, over the Coulomb level; median of
-# the size of a normal variable; fewest samples that are left.
-_DISTURBS, _MEDIAN, _FEWEST = 0.3, 0.6745, 500
+# Their number in a record without a drive: enough blocks for the standard errors; their least
+# number of samples.
+_UNDRIVEN, _SHORTEST = 8, 8
+# Force of a velocity's noise that may act from sample to sample, over the Coulomb level, and part
+# of it from which it counts; median of the size of a normal variable; fewest samples left.
+_DISTURBS, _SHOWS, _MEDIAN, _FEWEST = 0.1, 0.3, 0.6745, 500
 # Part of the encoder quantum below which an error is none.
 _NOTHING = 1e-2
 
@@ -501,21 +501,25 @@ def _coarser(axis: FrictionAxis, record: Record) -> Record:
     noise = float(np.median(differences)) / (_MEDIAN * math.sqrt(20.0))
     level = axis.coulomb.mean or float(np.std(record.u))
     force = axis.mass * math.sqrt(2.0) * noise / record.dt
-    factor = min(math.ceil(force / max(_DISTURBS * level, 1e-300)), len(record) // _FEWEST)
+    # Over k samples it averages out as k^1.5.  It alternates, which a random force does not: taken
+    # sample by sample, even a small one is fitted by a wrong mass and a large random force.
+    share = force / max(_DISTURBS * level, 1e-300)
+    needed = max(share ** (2.0 / 3.0), 2.0) if share > _SHOWS else 1.0
+    factor = math.ceil(min(needed, len(record) // _FEWEST))
     if factor < 2:
         return record
-    warnings.warn(
+    warn(
         f"the velocity has noise of {noise:.3g} {axis.units[0]}/s: its integral is fitted at every "
         f"{factor}. sample, as record.decimated({factor}) does",
-        FitWarning, stacklevel=3,
-    )  # fmt: skip
+        FitWarning,
+    )
     return record.decimated(factor)
 
 
 def _window(records: Sequence[Record]) -> float:
     """Length of the free runs where none is given [s]."""
     if any(np.any(r.u) for r in records):
-        return WINDOW
+        return max(WINDOW, _SHORTEST * max(r.dt for r in records))
     return max(WINDOW, min(r.duration for r in records) / _UNDRIVEN)
 
 
@@ -657,7 +661,7 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
     said += [*_limits(problem, z), *_misfit(axis, found, max(force)), *_far(problem, first, z)]
     messages = tuple(rotary_words(message, axis.units[1]) for message in said)
     for message in messages:
-        warnings.warn(message, FitWarning, stacklevel=4)  # the caller of fit
+        warn(message, FitWarning)
     given, spreads = (dict(zip(names, v.tolist(), strict=True)) for v in (values, errors))
     units = {p.name: p.unit for p in parameters}
     noise = tuple(found.reading_noise(i) for i in runs)

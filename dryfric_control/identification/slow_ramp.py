@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import instance, positive
+from dryfric_control.checks import instance, positive, warn
 from dryfric_control.drawing import MEASURED, labelled, panels
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis, span_of
@@ -166,12 +165,11 @@ def slow_ramp_experiment(
     speed = 2.0 * (high - low) / duration
     peak, unit = axis.effective().stribeck, f"{axis.units[0]}/s"
     if peak is not None and speed < _CLEAR * peak.speed and len(response.events) < _STEADY:
-        warnings.warn(
+        warn(
             f"the crawl at {speed:.3g} {unit} stays within the Stribeck peak (speed "
             f"{peak.speed:.3g} {unit}) and does not stick: the drive force is the raised friction. "
             f"Lower bandwidth = {bandwidth:g} rad/s until it sticks and slips, or crawl faster "
             f"than {_CLEAR * peak.speed:.3g} {unit} by a shorter duration",
             FitWarning,
-            stacklevel=2,
         )
     return ramp

@@ -14,7 +14,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.arrays import Floats, Ints
-from dryfric_control.checks import finite, instance, one_of, places, positive, samples
+from dryfric_control.checks import finite, instance, one_of, places, positive, samples, string
 from dryfric_control.compiled import axis_step, elastic
 from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
 from dryfric_control.model.block import Block
@@ -169,8 +169,7 @@ class FrictionAxis:
 
     def __post_init__(self) -> None:
         put = functools.partial(object.__setattr__, self)
-        if not isinstance(self.name, str):
-            raise ValueError(f"name must be text, got {self.name!r}")
+        string("name", self.name)
         put("units", axis_units(self.units))
         for name, unit in _POSITIVE.items():
             value, shown = getattr(self, name), self.unit(unit)
@@ -259,7 +258,7 @@ class FrictionAxis:
         dt : float
             Sampling time [s]; it sets the length of the delay line.
         """
-        return _arrays(self, dt)
+        return _arrays(self, positive("dt", dt, unit="s"))
 
     def breakaway(self, x: ArrayLike, direction: int) -> Floats:
         """Breakaway friction force (1 + sigma) Fc of the base model.
@@ -429,7 +428,9 @@ class FrictionAxis:
         dt : float, optional
             Sampling time [s]; 0 for continuous time.
         method : {"euler", "zoh"}, optional
-            The paper's Euler approximation (4), or the exact discretisation.
+            The paper's Euler approximation (4), an error of first order in dt, or the exact
+            discretisation with a held input.  The system prints which, its attribute
+            `method` has it.
         input : {"drive", "force"}, optional
             "drive": the matrix B_i of the known input, zero in mode 0, where
             friction cancels the drive.  "force": the matrix E_i of an unknown
@@ -501,7 +502,9 @@ class FrictionAxis:
             a, b = _held(a, b, dt, method)
         names = {"inputs": ["u" if input == "drive" else "d"], "outputs": ["x"], "states": states}
         name = f"{self.name}_{MODE_LABELS[index]}"
-        return ModeStateSpace(a, b, np.eye(1, len(a)) * read, [[0.0]], dt, name=name, **names)
+        system = ModeStateSpace(a, b, np.eye(1, len(a)) * read, [[0.0]], dt, name=name, **names)
+        system.method = method if dt > 0.0 else ""
+        return system
 
     def _slopes(self, index: int, at: Any) -> tuple[float, float, float, float]:
         """Slopes of a mode's acceleration by position, velocity and drive; of the reading."""
@@ -577,7 +580,7 @@ class FrictionAxis:
         """
         fastest = usual_speed(self) if speed is None else positive("speed", speed, unit="m/s")
         places = (self.travel or (0.0, 0.0)) if span is None else span_of(span, "span")
-        axes = axes_of(ax, 1, figsize=(7.0, 4.2))
+        axes = axes_of(ax, 1, title, figsize=(7.0, 4.2))
         draw_friction(self, axes[0], fastest, places)
         legend_above(axes[0])
         title_above(axes[0], f"{self.name}: friction over velocity" if title is None else title)
@@ -684,6 +687,17 @@ def _delayed(a: Floats, b: Floats, delay: float, dt: float, method: str) -> tupl
 
 class ModeStateSpace(ct.StateSpace):
     """State space of one mode; where B = 0 (stuck) it is drawn without its transmission zeros."""
+
+    #: How it was sampled, "euler" or "zoh"; empty in continuous time.
+    method = ""
+
+    def __str__(self) -> str:
+        """Matrices, and how they were sampled."""
+        how = {
+            "euler": '\nsampled by Euler\'s rule, first order in dt; method="zoh" is exact',
+            "zoh": "\nsampled exactly, the input held",
+        }
+        return f"{super().__str__()}{how.get(self.method, '')}"
 
     def zeros(self) -> NDArray[np.complex128]:
         """Transmission zeros, none where the input has no effect."""
@@ -871,7 +885,6 @@ def _polynomial(coefficients: tuple[float, ...]) -> str:
 
 @functools.lru_cache(maxsize=1024)
 def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
-    dt = positive("dt", dt, unit="s")
     axis = axis.effective()
     by_action = {
         action: [e for e in axis.effects if e.action == action]

@@ -9,6 +9,8 @@ from typing import Any
 import control as ct
 import numpy as np
 
+from dryfric_control.checks import string
+
 #: Of time, state and input.
 Function = Callable[[float, Any, Any], Any]
 
@@ -34,7 +36,7 @@ class Block(ct.NonlinearIOSystem):
 
         return cls(
             taking_params(update), taking_params(output), inputs=inputs.split(),
-            outputs=outputs.split(), states=list(states) or None, dt=dt, name=name,
+            outputs=outputs.split(), states=list(states) or None, dt=dt, name=string("name", name),
         )  # fmt: skip
 
     @classmethod

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.signal
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import instance, positive
+from dryfric_control.checks import instance, positive, string
 from dryfric_control.compiled import axis_step
 from dryfric_control.compiled.loop import encode
 from dryfric_control.model.axis import MODE_LABELS, FrictionAxis, check_pace
@@ -171,6 +171,7 @@ def switched_axis(
     """
     dt = positive("dt", dt, unit="s")
     _memoryless(axis, "switched_axis")
+    name = string("name", name or axis.name)
     zero, one = np.zeros((2, 2)), np.eye(2)
     names = {"inputs": ["x_next", "v_next"], "outputs": ["x", "v"], "states": ["x", "v"]}
     state = ct.ss(zero, one, one, zero, dt, name="state", **names)
@@ -191,7 +192,7 @@ def switched_axis(
         inputs=["u"],
         outputs=["x", "v", "F", "mode"],
         dt=dt,
-        name=name or axis.name,
+        name=name,
     )
 
 
@@ -252,6 +253,7 @@ def reference_filter(
     bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
     dt = positive("dt", dt, unit="s")
     check_bandwidth_and_dt(bandwidth, dt)
+    string("name", name)
     if isinstance(order, bool) or order not in range(1, 9):
         raise ValueError(f"order must be a whole number from 1 to 8, got {order!r}")
     if bandwidth >= np.pi / dt:

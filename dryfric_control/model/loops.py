@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import finite, instance, positive, samples
+from dryfric_control.checks import finite, instance, positive, samples, warn
 from dryfric_control.compiled import loop as kernel
 from dryfric_control.model.axis import Arrays, FrictionAxis, check_pace, without_effects
 from dryfric_control.model.block import Block
@@ -305,9 +304,8 @@ def _warn_if_divergent(
     )
     if np.ptp(out[4, late]) == 0.0:
         cause = "The drive stays at its limit, which does not hold the load: raise the limit"
-    warnings.warn(
+    warn(
         f"the loop diverges: its error reaches {error:.3g} {length}, where reference, start and "
         f"disturbance account for {travel:.3g} {length}. {cause}" + see("troubleshooting"),
         RuntimeWarning,
-        stacklevel=3,  # the caller of simulate_loop
     )

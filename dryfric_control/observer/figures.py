@@ -48,7 +48,7 @@ def draw_block_diagram(ax: Any = None, title: str | None = None) -> ct.ControlPl
     """Draw the closed loop of the paper's section 5 as blocks."""
     from matplotlib.patches import FancyBboxPatch
 
-    axes = drawing.axes_of(ax, 1, figsize=(7.0, 3.2))
+    axes = drawing.axes_of(ax, 1, title, figsize=(7.0, 3.2))
     one = axes[0]
     one.set_axis_off()
     one.set_xlim(-0.01, 1.01)
@@ -76,7 +76,7 @@ def draw_coulomb_maps(
     plant: FrictionAxis, own: FrictionAxis, ax: Any = None, title: str | None = None
 ) -> ct.ControlPlot:
     """Draw the friction of the plant and of the observer (Fig. 7)."""
-    axes = drawing.axes_of(ax, 1, figsize=(7.0, 3.6))
+    axes = drawing.axes_of(ax, 1, title, figsize=(7.0, 3.6))
     one = axes[0]
     plant, own = plant.effective(), own.effective()
     low, high = plant.travel or own.travel or (-1.0, 1.0)
@@ -105,7 +105,7 @@ def draw_run(
     The first 0.1 s do not count for the scales; the band is the plant at rest.
     """
     whole = what == "all"
-    axes = drawing.axes_of(ax, len(_SIGNALS) if whole else 2)
+    axes = drawing.axes_of(ax, len(_SIGNALS) if whole else 2, title)
     t, (length, force) = run.plant.t, run.axis.units
     units = {"length": f" [{length}]", "speed": f" [{length}/s]", "force": f" [{force}]", "": ""}
     shown = list(_SIGNALS.values()) if whole else [_SIGNALS[what]]

@@ -7,14 +7,13 @@ dimensionless ratio dt^2 d / (m n) is the square of the observer's natural frequ
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from dryfric_control.checks import finite, increment, instance, positive
+from dryfric_control.checks import finite, increment, instance, positive, warn
 from dryfric_control.model.axis import MODES, FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 
@@ -67,11 +66,10 @@ def own_axis(
     left = [effect for effect in acting.effects if effect.action in LEFT_OUT]
     if left:
         names = ", ".join(effect.slug for effect in left)
-        warnings.warn(
+        warn(
             f"the observer leaves out {names}: it runs the axis as one rigid mass that either "
             "rests or slides, and what that misses goes into its integral term and its mode",
             ObserverWarning,
-            stacklevel=3,  # the caller of design_pi_observer
         )
     return acting.replace(
         stribeck=None,
@@ -141,7 +139,7 @@ def default_weights(
         bandwidth = min(max(bandwidth, 1e-4), 1.0)
     else:
         if encoder_quantum is not None:
-            quantum = increment(encoder_quantum, axis.unit("m"), stacklevel=4)
+            quantum = increment(encoder_quantum, axis.unit("m"))
             bandwidth = QUANTIZED * math.sqrt(step * math.sqrt(12.0) / quantum)
             bandwidth = min(max(bandwidth, SLOWEST), FASTEST)
         noise = step / bandwidth**2

@@ -115,7 +115,7 @@ def read_record(
     good = values.pop("good", None)
     extras = {role: values.pop(role) for role in EXTRAS if role in values}
     if values["x"] is None and "x" not in (columns or {}):
-        warn(f"{found.name or 'the source'} has no position: it is the integral of the velocity", 3)
+        warn(f"{found.name or 'the source'} has no position: it is the integral of the velocity")
     kept = ("units", "notes", "quantum", "raw")
     options: dict[str, Any] = {field: getattr(found, field) for field in kept}
     options |= {"name": found.name if name is None else name, "unwrap": unwrap, "channels": extras}

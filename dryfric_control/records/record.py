@@ -9,7 +9,6 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,7 +18,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from dryfric_control import drawing
 from dryfric_control.arrays import Bools, Floats
-from dryfric_control.checks import positive, whole
+from dryfric_control.checks import finite, instance, positive, string, whole
 from dryfric_control.records import bad_readings
 from dryfric_control.records import record_checks as checks
 from dryfric_control.records.bad_readings import NONE, Masked
@@ -29,7 +28,7 @@ from dryfric_control.records.readers.channels import EXTRAS, ROLES
 from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
 from dryfric_control.records.record_warning import RecordWarning, warn
 from dryfric_control.records.resolution import ROUNDING, Resolution
-from dryfric_control.store.files import replacing
+from dryfric_control.store.files import file_path, replacing
 from dryfric_control.store.saved import save_object
 from dryfric_control.text import table
 from dryfric_control.ties import samples
@@ -147,8 +146,8 @@ class Record:
         good: npt.ArrayLike | None = None,
     ) -> None:
         labels = checks.checked_units(units)
-        if name is not None and not isinstance(name, str):
-            raise ValueError(f"name must be text, got {name!r}")
+        if name is not None:
+            string("name", name)
         if quantum is not None:
             quantum = positive("quantum", quantum, zero=True)
         found, made = checks.vectors(t, u, x, reference, channels)
@@ -178,8 +177,7 @@ class Record:
                 f"of {len(self)} readings of x these are masked: "
                 f"{told(self.bad | {'clipped': 0})}; the first is x[{k}] = "
                 f"{masked.readings[0]:.6g} at t = {self.t[k]:.6g} s. record.masked lists them, "
-                "good=np.ones(len(x), bool) keeps all",
-                stacklevel=3,
+                "good=np.ones(len(x), bool) keeps all"
             )
 
     def __setstate__(self, parts: Mapping[str, Any]) -> None:
@@ -328,9 +326,11 @@ class Record:
             A place of the encoder's grid [unit of x]; anywhere when left out.
         """
         path = self._one_each("positions", positions)
+        instance("rng", rng, np.random.Generator, "numpy.random.default_rng(0)")
+        shift = None if origin is None else finite("origin", origin)
         x = path + self.resolution.fast * rng.standard_normal(path.size)
         if quantum := self.resolution.quantum:
-            shift = rng.uniform(0.0, quantum) if origin is None else origin
+            shift = rng.uniform(0.0, quantum) if shift is None else shift
             x = quantum * np.round((x - shift) / quantum) + shift
         return self._with("read anew", x=x, channels={}, masked=NONE)
 
@@ -607,6 +607,8 @@ class Record:
         RecordWarning
             When stretches of fewer than 10 samples are left out.
         """
+        if name is not None:
+            string("name", name)
         found, _ = checks.vectors(t, u, x, reference, channels)
         tv = found["t"]
         steps = checks.increasing_steps(tv)
@@ -669,7 +671,7 @@ class Record:
         window : int, optional
             Smoothing of the position, as in `derivatives`.
         """
-        if name not in self.channels:
+        if string("name", name) not in self.channels:
             raise ValueError(
                 f"the record has no channel {name!r}; it has {', '.join(self.channels) or 'none'}"
             )
@@ -722,7 +724,7 @@ class Record:
         path : path-like
             Replaced as a whole or not at all.
         """
-        target = Path(path)
+        target = file_path("path", path)
         if target.suffix.lower() != ".csv":
             raise ValueError(f"to_csv writes .csv files, got {target.name!r}")
         columns = self._columns()

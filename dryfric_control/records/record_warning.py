@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
+from dryfric_control import checks
 
 
 class RecordWarning(UserWarning):
@@ -24,6 +24,6 @@ class RecordWarning(UserWarning):
     """
 
 
-def warn(message: str, stacklevel: int = 4) -> None:
+def warn(message: str) -> None:
     """Warn of data that look wrong."""
-    warnings.warn(message, RecordWarning, stacklevel=stacklevel)
+    checks.warn(message, RecordWarning)

@@ -143,6 +143,10 @@ class Scaling:
         data : mapping
             Such as the table ``[record]`` of an axis file; its sampling is passed over.
         """
+        if not isinstance(data, Mapping):
+            raise ValueError(
+                f'data must be a mapping such as {{"counts_per_turn": 4096}}, got {data!r}'
+            )
         known_keys("record.", data, [*(item.name for item in fields(cls)), *_SAMPLING])
         return cls(**{key: value for key, value in data.items() if key not in _SAMPLING})
 

@@ -14,7 +14,7 @@ import scipy.optimize
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import positive, samples, short
+from dryfric_control.checks import positive, samples, short, string
 from dryfric_control.diagnosis import Diagnosis
 from dryfric_control.estimation.force_residual import Sliding, at_the_mass
 from dryfric_control.estimation.parameters import SHIFT, values_of, with_values
@@ -172,12 +172,13 @@ def joints_of(
         named = dict(result)
     else:
         made = _joint("result", result)
-        if joint is None:
+        if joint is not None:
+            string("joint", joint)
+        else:
             joint = next(iter(there)) if len(there) == 1 else made.axis.name
         named = {joint: result}
     for name in named:
-        if not isinstance(name, str):
-            raise ValueError(f"joint must be text, got {name!r}")
+        string("joint", name)
         if there and name not in there:
             raise ValueError(
                 f"joint {name!r} is not in the file: it has {', '.join(map(repr, there))}; give "

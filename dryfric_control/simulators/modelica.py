@@ -25,8 +25,8 @@ _SKIPPED = re.compile(rb'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/', re.S)
 
 
 def _knots(speed: Floats) -> tuple[Floats]:
-    """Velocities of the table: closest where the record has most samples."""
-    return (np.unique(np.quantile(speed, np.linspace(0.0, 1.0, _KNOTS))),)
+    """Velocities of the table: closest where the record has most samples, each one of these."""
+    return (np.unique(np.quantile(speed, np.linspace(0.0, 1.0, _KNOTS), method="lower")),)
 
 
 def _hats(v: Floats, knots: Floats) -> Floats:

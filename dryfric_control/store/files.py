@@ -20,7 +20,7 @@ _ROOM = 4_000_000  # bytes, more than a report takes
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Where to write what takes the place of a file once the block ends without an error."""
-    target = Path(path)
+    target = file_path("path", path)
     if target.is_dir():
         raise IsADirectoryError(f"{path} is a folder: name a file in it")
     if not target.parent.is_dir():

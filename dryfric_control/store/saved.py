@@ -14,7 +14,7 @@ import numpy as np
 
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict, read_axis
-from dryfric_control.store.files import existing_file, read_json, replacing
+from dryfric_control.store.files import existing_file, file_path, read_json, replacing
 
 #: Version of the files that are written.
 VERSION = 1
@@ -33,6 +33,7 @@ def save_object(
     value: Any, path: str | os.PathLike[str], kind: str, classes: Sequence[type]
 ) -> None:
     """Write a result and everything it holds; `classes` may stand in the file, as may an axis."""
+    file_path("path", path)  # before a large result is converted
     write_document(path, kind, {"content": to_plain(value, classes)})
 
 

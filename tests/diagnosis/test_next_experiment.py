@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from types import SimpleNamespace
 
 import control as ct
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.compiled.axis_step import TooManySwitchesError
+from dryfric_control.diagnosis.causes import rival as scaled_rival
+from dryfric_control.diagnosis.causes import scaled
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.estimation.windows import cut
@@ -192,6 +195,51 @@ def test_equal_causes_ask_for_a_change_of_the_bench():
     with pytest.raises(ValueError, match="no reference"):
         experiment.to_csv("nowhere.csv")
     assert isinstance(experiment.plot(), ct.ControlPlot)
+
+
+SPRUNG = axis(
+    dfc.effects.InputGain(gain=1.25), dfc.effects.Spring(stiffness=40.0, rest=0.05),
+    dfc.effects.Presliding(distance=40e-6), dfc.effects.WarmUp(rise=0.3, time_constant=2.0),
+    coulomb=dfc.CoulombMap(plus=[8.0, 3.0], minus=[7.0]), stribeck=dfc.Stribeck(0.3, 0.01),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("scale", [0.8, 2.0])
+def test_all_forces_scaled_with_the_gain_move_alike(scale):
+    """m a = g u - F is m a / c = (g / c) u - F / c."""
+    other = scaled(SPRUNG, scale)
+    assert [e.slug for e in other.effects] == ["input_gain"][scale == 0.8 :] + [
+        "spring", "presliding", "warm_up",
+    ]  # fmt: skip
+    assert other.mass == scale * SPRUNG.mass
+    u = 30.0 * np.sin(6.0 * DT * np.arange(4000))
+    x, y = (one.simulate(u, DT).y[0] for one in (SPRUNG, other))
+    assert np.abs(x).max() > 0.01
+    np.testing.assert_allclose(x, y, rtol=0, atol=1e-12)
+
+
+def cause(effect, alternative, **parameters):
+    return SimpleNamespace(effect=effect, parameters=parameters, alternatives=(alternative,))
+
+
+@pytest.mark.parametrize(
+    ("machine", "found"),
+    [
+        (axis(dfc.effects.InputGain(gain=1.25)), cause("input_gain", "inertia+viscous+coulomb", gain=1.25)),
+        (axis(mass=1.6, viscous=12.0, coulomb=6.4), cause("inertia", "input_gain+viscous", mass=1.6)),
+    ],
+)  # fmt: skip
+def test_a_gain_and_the_base_are_separated_by_what_is_added(machine, found):
+    """No fit of the other exists: it is the same axis scaled, and no motion separates it."""
+    record = recorded(machine, jumps())
+    other, *names = scaled_rival(machine, axis(), [found])
+    assert names == [found.effect, *found.alternatives]
+    experiment = next_experiment(machine, [other], record, names=names)
+    assert experiment.name in ("added_mass", "known_force")
+    assert experiment.separates == found.alternatives
+    # Nothing is offered where a dead zone may come before or behind the gain.
+    behind = machine.replace(effects=(*machine.effects, dfc.effects.DeadZone(width=1.0)))
+    assert scaled_rival(behind, axis(), [found]) is None
 
 
 def test_what_a_refit_takes_away_is_no_difference():

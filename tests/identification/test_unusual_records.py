@@ -78,6 +78,34 @@ def test_a_velocity_is_enough():
     within(fits, {"mass": 2.0, "viscous": 15.0, "coulomb": 8.0}, 0.02)
 
 
+@pytest.mark.parametrize("noise", [0.01, 0.02, 0.04])
+def test_a_velocity_at_100_hz_is_enough(noise):
+    """30 s in which the slide sticks a third of the time; noise in parts of the velocity's RMS."""
+    axis = dfc.FrictionAxis(mass=1.7, viscous=17.0, coulomb=9.0)
+    t, fits = 0.01 * np.arange(3000), []
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        tones = np.array([1.3, 3.7, 9.1])[:, None] * t + rng.uniform(0.0, 6.0, 3)[:, None]
+        u = np.array([14.0, 8.0, 5.0]) @ np.sin(tones)
+        v = open_loop(SLIDE, u, 0.01, 200, np.zeros(NSTATES))[:-1, V]
+        assert 0.2 < np.mean(np.abs(v) < 1e-3) < 0.6
+        seen = v + noise * v.std() * rng.standard_normal(t.size)
+        with pytest.warns(dfc.FitWarning, match="as record.decimated"):
+            fits.append(dfc.fit(axis, dfc.Record(t, u, None, channels={"v": seen})))
+    true = {"mass": 2.0, "viscous": 15.0, "coulomb": 8.0}
+    if noise > 0.01:
+        within(fits, true, 0.02)
+    else:  # the mean input of two samples errs as much as the noise does: intervals are too short
+        assert all(abs(e) < 0.004 for found in fits for e in hits(found, true)[0].values())
+
+
+def test_free_runs_of_a_slow_record_are_longer():
+    """0.25 s would be four samples."""
+    slow = rolling(0).decimated(60)
+    found = dfc.fit(dfc.FrictionAxis(2.0, 15.0, 8.0), slow, free=("viscous",), starts=1)
+    assert np.diff(found.training[0].windows.edges)[0] == 8
+
+
 def test_a_position_beside_a_velocity_is_a_reading():
     t = 1e-3 * np.arange(2000)
     both = dfc.Record(t, np.cos(t), 1e-4 * np.round(1e4 * np.sin(3.0 * t)),

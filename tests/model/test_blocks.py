@@ -77,6 +77,9 @@ def test_sampled_modes_are_the_printed_ones(method):
         np.testing.assert_allclose(system.A, a, rtol=1e-12, atol=1e-18)
         np.testing.assert_allclose(system.B, b, rtol=1e-9, atol=1e-18)
         assert np.array_equal(system.C, [[1.0, 0.0]]) and system.dt == DT
+        assert system.method == method
+        assert ("sampled exactly" in str(system)) is (method == "zoh")
+    assert axis.mode_ss(1).method == "" and "sampled" not in str(axis.mode_ss(1))
     # The direction of an unknown force is there in every mode.
     assert axis.mode_ss(0, DT, input="force").B[1, 0] == pytest.approx(DT / 2.0)
 

@@ -97,6 +97,11 @@ HEADINGS = {
     "German, the other way": ("Zeitstempel;Lageistwert;Lagesollwert;Drehmomentistwert",
                               "Zeitstempel Drehmomentistwert Lageistwert Lagesollwert"),
     "German, with units": ("Zeit in ms;Druck in bar;Hub in mm", "Zeit in ms;Druck in bar;Hub in mm"),
+    "German, stroke": ("Zeit;Kraft;Isthub;Sollhub", "Zeit Kraft Isthub Sollhub"),
+    "German, stroke with units": ("Zeit in s;Druck in bar;Hub in mm;Soll-Hub in mm",
+                                  "Zeit in s;Druck in bar;Hub in mm;Soll-Hub in mm"),
+    "German, stroke the other way": ("Zeit;Kraft;Hubsollwert;Hubistwert",
+                                     "Zeit Kraft Hubistwert Hubsollwert"),
     "German, pressure": ("Zeit;Druck;Position", "Zeit Druck Position"),
     "German, sharp s": ("Zeit;Stellgröße;Winkel", "Zeit Stellgröße Winkel"),
     "French": ("temps;couple;angle;vitesse", "temps couple angle"),
@@ -149,6 +154,9 @@ def test_headings_of_logs_are_recognised(case):
         ("t;tau_m;x", "no column recognised as u"),
         ("t;load (5);x", "no column recognised as u"),
         ("t;u;motor_position", "no column recognised as x"),
+        ("Zeit;Kraft;Sollhub", "no column recognised as x"),
+        ("Zeit;Kraft;Isthub;Istweg", "'Isthub', 'Istweg' could each be x"),
+        ("t;u;wheel_hub_temp", "no column recognised as x"),
     ],
 )
 def test_what_is_not_beyond_doubt_is_asked_for(line, message):

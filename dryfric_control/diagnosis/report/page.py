@@ -101,7 +101,7 @@ def html_page(d: Findings) -> str:
         after=after,
         medians=medians,
         rms=rms,
-        references=[(name, f"{gain:+.0f}") for name, gain in d.references.items()],
+        references=[(name, f"{gain:+z.0f}") for name, gain in d.references.items()],
         evidence=_evidence_rows(d, before, after),
         acting=_acting_rows(d),
         toml=axis_text(d.extended),

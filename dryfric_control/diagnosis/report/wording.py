@@ -263,7 +263,7 @@ def further_lines(d: Findings) -> list[str]:
         lines.append(d.remaining.headline)
     if d.references:
         head = "gain of log-likelihood over references (positive: better than the reference)"
-        gains = ", ".join(f"{name} {gain:+.0f}" for name, gain in d.references.items())
+        gains = ", ".join(f"{name} {gain:+z.0f}" for name, gain in d.references.items())
         lines.append(f"{head}: {gains}")
     if moved := also_moved(d):
         head = "also changed in the extended model, by less than the remaining force shows"

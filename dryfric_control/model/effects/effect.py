@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 from numba import cfunc
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import finite, one_of, positive
+from dryfric_control.checks import finite, one_of, positive, string
 from dryfric_control.compiled.axis_step import LAW
 from dryfric_control.model.effects.columns import Column, View, by_law
 from dryfric_control.text import list_in_docstring
@@ -100,9 +100,8 @@ def parameter(
     >>> dfc.effects.parameter("N", "force", bounds=(0.0, 10.0)).metadata["unit"]
     'N'
     """
-    for name, text in (("unit", unit), ("doc", doc)):
-        if not isinstance(text, str):
-            raise ValueError(f"{name} must be text, got {text!r}")
+    string("unit", unit)
+    string("doc", doc)
     try:
         low, high = bounds
         ordered = float(low) < float(high)

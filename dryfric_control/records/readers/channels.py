@@ -26,9 +26,10 @@ EXTRAS = ("v", "a", "x2")
 
 # What a column is called, and how what was measured and what was asked for are marked: in languages
 # of Europe without accents, in Russian, Chinese, Japanese and Korean.
-_POSITION = ("x", "pos", "position", "q", "angle", "theta", "phi", "enc", "encoder", "weg", "lage",
-             "winkel", "joint_position", "joint_pos", "joint_angle", "axis_position", "posicion",
-             "posizione", "posicao", "positie", "angulo", "angolo", "hoek")  # fmt: skip
+_POSITION = ("x", "pos", "position", "q", "angle", "theta", "phi", "enc", "encoder", "weg",
+             "lage", "winkel", "hub", "stroke", "joint_position", "joint_pos", "joint_angle",
+             "axis_position", "posicion", "posizione", "posicao", "positie", "angulo", "angolo",
+             "hoek")  # fmt: skip
 _DRIVE = ("u", "i", "iq", "i_q", "current", "tau", "tau_j", "torque", "force", "effort", "voltage",
           "pressure", "kraft", "moment", "drehmoment", "strom", "druck", "motor_current",
           "motor_torque", "motor_force", "motor_voltage", "joint_torque", "pwm")  # fmt: skip

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from dryfric_control.checks import short
 from dryfric_control.records.readers import channels
 from dryfric_control.records.readers.channels import Channels, Wanted
 from dryfric_control.records.readers.limits import too_long
@@ -43,8 +44,9 @@ def read_channels(
             kept = replace(kept, **channels.own_notes(meta, damaged))
         found = _selected(frame_columns(source), kept, wanted, listed=not kept.raw)
     else:
-        kind = type(source).__name__
-        raise TypeError(f"read_record takes a path, data frame or mapping of arrays, got {kind}")
+        raise ValueError(
+            f"source must be a path, a data frame or a mapping of arrays, got {short(source)}"
+        )
     values, notes = found.values, found.notes
     own_time = "t" in values
     if own_time and wanted.timed is False:

@@ -83,8 +83,9 @@ def in_free_runs(problem: Problem, less: Solution, more: Solution) -> tuple[floa
     for i, w in enumerate(problem.windows):
         moving = w.moving
         if not problem.imposed and moving.any():
-            costs = [w.unseen(*fit.unseen(i), moving).costs[moving] for fit in (less, more)]
-            falls.append(-np.diff([w.scores(one) for one in costs], axis=0)[0])
+            runs = [w.unseen(*fit.unseen(i), moving) for fit in (less, more)]
+            before, after = (w.scores(run.costs)[moving] for run in runs)
+            falls.append(before - after)
     fall = np.concatenate(falls) if falls else np.zeros(0)
     fall = fall[np.isfinite(fall)]
     if not fall.size:

@@ -378,7 +378,13 @@ class Effect:
         yield from by_law(cls, view)
 
     def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
-        """The same effect with another law, of the same size, none by default."""
+        """The same effect under other laws, none by default.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect, its base parameters those that act.
+        """
         return ()
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:

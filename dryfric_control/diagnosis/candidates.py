@@ -135,6 +135,12 @@ def amounts(name: str, own: Iterable[str]) -> Iterator[tuple[str, float, bool]]:
             yield full, kind["neutral"], kind["optional"]
 
 
+def forms(axis: FrictionAxis, names: Iterable[str]) -> list[FrictionAxis]:
+    """The axis, and with one of some effects in another form each."""
+    effects = named(axis)
+    return [axis, *(put(axis, name, one) for name in names for one in effects[name].forms(axis))]
+
+
 def held_by(name: str) -> tuple[str, ...]:
     """Full names of a candidate's amounts that stay as they are until it is found."""
     rows = effect_class(name).parameters().items()

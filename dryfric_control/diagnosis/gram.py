@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.diagnosis.candidates import _SINGLE, effect_class, with_effect
+from dryfric_control.diagnosis.candidates import _SINGLE, effect_class, forms, with_effect
 from dryfric_control.diagnosis.linearised import CHANGED, Linearised
 from dryfric_control.diagnosis.problem import Problem, noises_of
 from dryfric_control.diagnosis.thresholds import (
@@ -389,7 +389,11 @@ class Gram:
             rows = sorted((r for r in rows if r[0] > -math.inf), reverse=True)
             options += [[*chosen[:k], o, *chosen[k + 1 :]] for _, o in rows[:NEIGHBOURS]]
         for option in options:
-            for axis, free in self._axes(option):
+            names = tuple(self.items[g].name for g in option)
+            starts = (
+                (one, free) for axis, free in self._axes(option) for one in forms(axis, names)
+            )
+            for axis, free in starts:
                 try:
                     likelihood = self.problem.likelihood(
                         axis, (*self.problem.free_of(self.fit), *free)
@@ -399,7 +403,6 @@ class Gram:
                 memory = any(self.items[g].gain > -math.inf for g in option)
                 cost = self._cost(likelihood, memory)
                 if math.isfinite(cost) and (best is None or cost < best.cost):
-                    names = tuple(self.items[g].name for g in option)
                     best = Proposal(names, axis, free, cost, predicted, held, memory)
         return best
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dryfric_control.diagnosis.candidates import (
     catalogue,
     effect_class,
+    forms,
     held_by,
     holds,
     with_effect,
@@ -44,7 +45,7 @@ from dryfric_control.estimation.random_force import long_run
 from dryfric_control.estimation.scoring import FEW, SOME, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import named, put, renumbered
+from dryfric_control.model.effects.naming import named, renumbered
 
 FloatArray = NDArray[np.float64]
 
@@ -107,12 +108,6 @@ def walked(
             z = min((z, *tried), key=lambda at: likelihood.tried(at).cost)
     # What a large random force hides is not decided there.
     return min((start, z), key=lambda at: likelihood.tried(with_noises(at, noises)).cost)
-
-
-def forms(axis: FrictionAxis, names: Sequence[str]) -> list[FrictionAxis]:
-    """The axis, and with one of some effects in another form each."""
-    effects = named(axis)
-    return [axis, *(put(axis, name, one) for name in names for one in effects[name].forms(axis))]
 
 
 def with_noises(z: FloatArray, noises: FloatArray) -> FloatArray:

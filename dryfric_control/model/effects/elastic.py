@@ -99,6 +99,7 @@ class Presliding(Effect):
     def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
         if self.bristles >= 0.5:
             return (replace(self, bristles=0.0),)
+        # Bristles without their damping swing on, which nothing else in a record does.
         stiffness = middle_level(axis.coulomb, axis.travel) / self.distance
         return (replace(self, bristles=1.0, damping=math.sqrt(stiffness * axis.mass)),)
 
@@ -108,10 +109,6 @@ class Presliding(Effect):
         metal = _elastic_length(view) * np.geomspace(0.7, 20.0, 8)
         for distance in (*metal, *(d for d in _SOFT * view.span if d > metal[-1])):
             yield simulated(distance=float(distance))
-        # Bristles without their damping swing on, which nothing else in a record does.
-        for distance in metal[::2]:
-            damping = math.sqrt(view.size / float(distance) * view.axis.mass)
-            yield simulated(distance=float(distance), damping=damping, bristles=1.0)
 
 
 @register_effect

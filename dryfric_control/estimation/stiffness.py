@@ -5,7 +5,8 @@ from __future__ import annotations
 from dryfric_control.model.axis import FrictionAxis, elastic_rates
 
 # Natural frequency of a contact, and of a damped transmission, times the sampling time [rad]
-# beyond which they are too stiff: the samples do not show it, and it takes dozens of steps.
+# beyond which they are too stiff: a sample takes dozens of steps. How far a contact yields shows
+# beyond the frequency of the samples, too; how a transmission swings does not.
 _CONTACT, _TRANSMISSION = 30.0, 4.0
 
 

@@ -15,10 +15,13 @@ DT = 1e-3
 fx = dfc.effects
 
 
-@pytest.mark.parametrize("slug", (*EFFECTS, *ADDED, ()), ids=lambda slug: slug or "nothing")
-def test_a_run_is_that_of_the_truth(slug):
+CASES = [(slug, 1) for slug in (*EFFECTS, *ADDED, ())] + [(slug, 2) for slug in ADDED]
+
+
+@pytest.mark.parametrize(("slug", "seed"), CASES, ids=lambda one: str(one or "nothing"))
+def test_a_run_is_that_of_the_truth(slug, seed):
     """Both are checked: the bench steps impulses without events, the axis modes between them."""
-    case = make_case(slug, 1, "short")
+    case = make_case(slug, seed, "short")
     axis = machine(case)
     n, stiffer, finer = (1500, 100.0, 20) if case.plant.gap else (3000, 1.0, 8)
     plant = case.plant._replace(
@@ -29,11 +32,13 @@ def test_a_run_is_that_of_the_truth(slug):
     readings = np.array([_read(plant, state) for state in states])
     run = axis.simulate(case.u[:n], DT, x0=case.states[0, 0])
     error = np.abs(run.y[0] - readings).max()
-    assert error < (2e-5 if slug else 0.1 * case.quantum)
+    closest = 1e-5 if slug in ADDED and not case.plant.gap else 2e-5
+    assert error < (closest if slug else 0.1 * case.quantum)
     without = believed(case).simulate(case.u[:n], DT, x0=case.states[0, 0])
     # The stick band shortens a stop by Sigma/p = 2e-7 m, which friction that falls with velocity
     # magnifies at the next start; an impact takes the bench some time.
-    assert not slug or np.abs(without.y[0] - readings).max() > 100.0 * error
+    times = 100.0 if seed == 1 else 40.0
+    assert not slug or np.abs(without.y[0] - readings).max() > times * error
 
 
 def test_every_face_reads_alike():

@@ -360,12 +360,18 @@ def test_directions_know_rest_from_motion():
     assert np.array_equal(found[~unsure], response.mode[~unsure])
 
 
-@pytest.mark.slow
-@needs_emps
-def test_emps_mass_and_held_out_errors():
+@pytest.fixture(scope="module")
+def emps_fit():
+    """Fit of the first 60 % of the measured drive, and the record of the rest."""
     train, test = read_record(EMPS).split(0.6)
     axis = dfc.FrictionAxis(mass=70.0, viscous=100.0, coulomb=10.0)
-    found = fit(axis, train, free=("mass", "viscous", "coulomb", "bias_force"))
+    return fit(axis, train, free=("mass", "viscous", "coulomb", "bias_force")), test
+
+
+@pytest.mark.slow
+@needs_emps
+def test_emps_mass_and_held_out_errors(emps_fit):
+    found, test = emps_fit
     # Published: 95.11 kg by inverse dynamics; 3 % is the demand.
     assert found.axis.mass == pytest.approx(95.11, rel=0.03)
     # Held out as good as trained: nothing was fitted that does not stay.
@@ -394,10 +400,8 @@ def test_emps_relative_force_error(free, published):
 
 @pytest.mark.slow
 @needs_emps
-def test_emps_closed_loop():
-    train, _ = read_record(EMPS).split(0.6)
-    axis = dfc.FrictionAxis(mass=70.0, viscous=100.0, coulomb=10.0)
-    found = fit(axis, train, free=("mass", "viscous", "coulomb", "bias_force"))
+def test_emps_closed_loop(emps_fit):
+    found, _ = emps_fit
     loop = replay_loop(found.axis, read_record(EMPS), EMPS_LOOP)
     # The loop is stiff: positions agree to some um, the force tells the model.
     assert loop.position_rms < 5e-6

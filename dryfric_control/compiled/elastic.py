@@ -104,15 +104,21 @@ def _bent(way, start, before, most):
 
 @step.internal(forceinline=True)
 def _direction(mode):
-    """Direction of a phase in which bristles move."""
+    """Direction of motion in a phase."""
     return 1.0 if mode > 0 else -1.0
+
+
+@step.internal(forceinline=True)
+def _stretched(strain, y):
+    """Deflection of a contact that does not slide, where the load is at y."""
+    return y - strain.y + strain.z
 
 
 @step.internal
 def _deflection(side, drive, t0, tau, at, strain, mode, rest):
     """Deflection of a contact in a phase, and the one with which bristles slide."""
     if not _bristles(side):
-        return at.y - strain.y + strain.z, math.inf
+        return _stretched(strain, at.y), math.inf
     s = _direction(mode)
     most = _most(side, drive, t0, tau, at, s, rest)
     z = most
@@ -214,7 +220,7 @@ def _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d):
     # Position-dependent forces: the elastic force represents their size; their passage
     # through zero is left to the wave error (distance infinite).  The allowed error is
     # 0 here, so that the estimate is not shortened to zero.
-    held = numbers[step.CONTACT_STIFFNESS] * abs(y - strain.y + strain.z)
+    held = numbers[step.CONTACT_STIFFNESS] * abs(_stretched(strain, y))
     pull = numbers[step.INVERSE_MASS] * (abs(_transmitted(side, drive, tau, at)) + held)
     error = max(error, step.step_error(side, drive, k1, k2, k3, k4, pull, math.inf, d, 0.0))
     if bristles and _fades(side):
@@ -280,7 +286,7 @@ def _margin(side, drive, t0, tau, at, strain, mode, rest, flips, length):
                 return -s * p
             m, k = _rates(side, drive, t0, tau, at, strain, mode, rest)
             return _tightens(side, drive, t0, tau, at, m, k, s, rest, length)
-        z = at.y - strain.y + strain.z
+        z = _stretched(strain, at.y)
         s = 1.0 if z > 0.0 else -1.0
         return _most(side, drive, t0, tau, at, s, rest) - s * z
     if mode != 0:
@@ -374,7 +380,7 @@ def _shortened(side, at, after, mode, fades, k1, k4, d, error, allowed):
 def _touches(side, drive, t0, tau, at, after, strain, m1, k1, m4, k4, rest, gap, left, d):
     """When an elastic contact may reach its limit and leave it in a step; d if it does not."""
     # `gap` and `left` are its distances from the limit at both ends of the step.
-    s = math.copysign(1.0, after.y - strain.y + strain.z)
+    s = math.copysign(1.0, _stretched(strain, after.y))
     rate = _tightens(side, drive, t0, tau, at, m1, k1, s, rest, d)
     if rate <= 0.0 or gap >= rate * d:
         return d
@@ -427,7 +433,7 @@ def _phase_after(side, drive, t0, tau, at, strain, mode, rest, flips, moved):
             strain = _back_strain(side, drive, t0, tau, at, mode, rest)
             return (int(s) if s * p > 0.0 else 0), p, strain
         if mode == 0:
-            s = 1.0 if y - strain.y + strain.z > 0.0 else -1.0
+            s = 1.0 if _stretched(strain, y) > 0.0 else -1.0
             return int(s if s * p > 0.0 else s * _BACK), p, strain
         w = step.load_under(side, force, t, y, 0.0, s, 0.0)
         level = step.sliding_level(side, t, y, 0.0, w, s)
@@ -506,11 +512,8 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         if bound == h and switches < count[step.MOST]:
             left = _margin(side, drive, t0, tau + d, end, strain, mode, after_rest, flips, d)
         if contact and mode == 0 and left < math.inf:
-            if (
-                divisible
-                and left > 0.0
-                and min(gap, left) < _NEAR * abs(end.y - strain.y + strain.z)
-            ):
+            near = min(gap, left) < _NEAR * abs(_stretched(strain, end.y))
+            if divisible and left > 0.0 and near:
                 cut = _touches(
                     side, drive, t0, tau, at, end, strain, m1, k1, m4, k4, rest, gap, left, d
                 )
@@ -560,7 +563,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
 
     p = at.p
     if contact:
-        z = at.y - strain.y + strain.z
+        z = _stretched(strain, at.y)
         if bristles:
             z = strain.z
         elif abs(mode) == 1:

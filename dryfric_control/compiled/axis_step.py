@@ -742,6 +742,8 @@ def _release(plant, drive, t0, tau, x, v, rest, d):
 @internal(forceinline=True)
 def refined(plant, way, error, allowed, d):
     """Length of the step to try instead of one of length d; d if that is accurate enough."""
+    if abs(way) == math.inf:
+        return 0.1 * d  # bristles that a trial step bends back grow without bounds
     if abs(way) > plant.numbers[SHORT_WAY]:
         return 0.9 * d * plant.numbers[SHORT_WAY] / abs(way)
     return smaller(d, allowed, error) if error > allowed else d

@@ -388,8 +388,15 @@ def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, fi
 def _stiff(plant, x, way, z):
     """Stiffness along a way of bristles deflected by z over that of unstrained ones."""
     s = 1.0 if way > 0.0 else -1.0
+    left = 1.0 - s * z / _longest(plant, x, s)
+    return max(left, 0.0)
+
+
+@step.internal
+def _longest(plant, x, s):
+    """Largest deflection of a contact for motion along s."""
     level = step.base_level(plant, x, s) * (1.0 + plant.numbers[step.EXCESS])
-    return max(1.0 - s * plant.numbers[step.CONTACT_STIFFNESS] * z / level, 0.0)
+    return max(level, 1e-300) / plant.numbers[step.CONTACT_STIFFNESS]
 
 
 @step.internal
@@ -803,7 +810,12 @@ def _innovations(
                 x, v = _across(m, on_load, x, v, gain * e, gain * g * e)
             memory[step.X], memory[step.V] = x, v
             if contact and not spring and memory[step.MODE] == 0.0:
-                memory[step.DEFLECTION] += gain * e - to_anchor * outside
+                z = memory[step.DEFLECTION] + gain * e - to_anchor * outside
+                if bristles:
+                    # They hold no more, and would let go of it only along a way.
+                    s = math.copysign(1.0, z)
+                    z = s * min(s * z, _longest(plant, x, s))
+                memory[step.DEFLECTION] = z
         if not (abs(x - y[0]) < _LOST * span and abs(v) * dt < farthest):
             for i in range(k, n):
                 out[0, i], out[1, i] = np.inf, 1.0

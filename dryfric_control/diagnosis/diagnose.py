@@ -21,7 +21,7 @@ from dryfric_control.checks import instance, positive, whole
 from dryfric_control.diagnosis.answer import causes_of, varying
 from dryfric_control.diagnosis.causes import hardly_determined, rival
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
-from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, quieter
+from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, moving, quieter
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
@@ -30,6 +30,8 @@ from dryfric_control.diagnosis.search import Model, Search, evidence
 from dryfric_control.diagnosis.thresholds import (
     AHEAD,
     ANSWER,
+    BEHIND,
+    CLEAR_OF,
     ENOUGH,
     LEAST_WINDOWS,
     RIVALS,
@@ -356,11 +358,18 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         if problem.runs is not recorded:
             begun = problem.fit(begun.axis, noises=noises_of(begun), turns=SOME)
         search.now = Model(begun)
-        by_force = imposed(problem, begun)
-        if by_force is not None:
-            problem, begun = by_force
-            search = Search(problem, tell, now=Model(begun))
-            return search, search.run(Model(begun)), False
+        forced = imposed(problem, begun)
+        if forced is not None:
+            motion, search = search, Search(forced[0], tell, now=Model(forced[1]))
+            found = search.run(search.now)
+            there = moving(problem, begun, found)
+            if there is not None:
+                model = motion.run(motion.pruned(there))
+                if model.fit.cost < problem.straight_line.cost - CLEAR_OF * problem.samples:
+                    return motion, model, False
+            if begun.cost > problem.straight_line.cost + BEHIND * problem.samples:
+                return search, found, False
+            search = motion
         first = search.best(Model(begun))
         fall = 0.0 if first is None else begun.cost - first.fit.cost
         early = led(problem, begun) if AHEAD * search.early > fall else None

@@ -5,18 +5,30 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
 from dryfric_control.diagnosis import thresholds
+from dryfric_control.diagnosis.candidates import (
+    catalogue,
+    effect_class,
+    forms,
+    held_by,
+    holds,
+    own_names,
+    with_effect,
+)
+from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.problem import BIAS, Problem, each_of, noises_of
 from dryfric_control.diagnosis.search import Model, Search, evidence
 from dryfric_control.estimation.force_view import ForceRun, ForceView, prepare_force
 from dryfric_control.estimation.input_noise import without_noise
 from dryfric_control.estimation.likelihood import Run
 from dryfric_control.estimation.parameters import SHIFT
-from dryfric_control.estimation.scoring import SOME, maximise
+from dryfric_control.estimation.scoring import LAST, SOME, maximise
 from dryfric_control.estimation.solution import Solution
+from dryfric_control.model.effects.columns import View
 from dryfric_control.records.motion import ONE_VELOCITY, usual_speeds
 
 
@@ -85,9 +97,11 @@ def led(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
 
 
 def imposed(problem: Problem, begun: Solution) -> tuple[Problem, Solution] | None:
-    """The problem in the view of the force, where a straight line beats every model."""
-    line, samples = problem.straight_line.cost, problem.samples
-    if begun.cost <= line + thresholds.BEHIND * samples:
+    """The problem in the view of the force, where a straight line beats the rigid axis.
+
+    None where the drive does not match the force that the motion requires, either.
+    """
+    if begun.cost <= problem.straight_line.cost:
         return None
     runs = tuple(prepare_force(r.record, problem.hold) for r in problem.runs)
     force = replace(problem, runs=runs, view=ForceView)
@@ -97,19 +111,43 @@ def imposed(problem: Problem, begun: Solution) -> tuple[Problem, Solution] | Non
     if _one_velocity(force):
         force = replace(force, steady=True)
         fit = Search(force).alone()
-    best = fit
     if not _follows(fit):
         # An effect such as gravity may make up most of the required force.
         rows = Search(force).round(Model(fit))
-        best = min((r.fit for r in rows if not r.reason), key=lambda s: s.cost, default=fit)
-        if not _follows(best):
+        if not any(_follows(r.fit) for r in rows if not r.reason):
             return None
-    # With such an effect the drive may well move the axis.
+    return force, fit
+
+
+def moving(problem: Problem, begun: Solution, found: Model) -> Model | None:
+    """The axis with the causes that its force shows, where these make its drive move it.
+
+    A drive that holds an axis near breakaway bends its contact, where a rigid one predicts no
+    motion: so with an elastic contact, too, unless the nominal axis has one.
+    """
+    line, free, axis = problem.straight_line.cost, problem.free_of(found.fit), found.fit.axis
     try:
-        moved = problem.fit(best.axis, problem.free_of(best), turns=SOME)
+        fit = problem.fit(axis, free, turns=SOME)
     except ValueError:
-        return force, fit
-    return None if moved.cost <= line - thresholds.CLEAR_OF * samples else (force, fit)
+        return None
+    bending = (n for n in catalogue(problem.believed) if effect_class(n).action == "contact")
+    name = next((n for n in bending if not holds(problem.believed, n)), None)
+    if name is not None:
+        own = (*free, *own_names(name), *held_by(name))
+        view = cast(View, Linearised(problem, begun.problem, begun.z))
+        # Fits find the way from one shape to the next but one.
+        starts = [
+            forms(with_effect(axis, name, shape.values((1.0,))).axis, [name])[-1]
+            for shape in [*effect_class(name).columns(view)][1::2]
+        ]
+        fits = problem.parallel(lambda start: problem.fit(start, own, turns=LAST), starts)
+        # With a large random force the filter follows the readings, whatever the model.
+        fits = [s for s in fits if s.cost <= line + thresholds.BEHIND * problem.samples]
+        if fits:
+            best = min(fits, key=lambda s: max(s.random_force(i) for i in range(len(problem.runs))))
+            return Model(best, tuple(dict.fromkeys((*found.causes, name))))
+    clear = line - thresholds.CLEAR_OF * problem.samples
+    return Model(fit, found.causes) if fit.cost <= clear else None
 
 
 def _apart(problem: Problem, now: Solution) -> tuple[Problem, Solution]:

@@ -3,18 +3,18 @@
 import sys
 
 from dryfric_control import datasets as datasets
+from dryfric_control import observer as observer
 from dryfric_control import presets as presets
+from dryfric_control import simulators as simulators
 from dryfric_control._version import __version__ as __version__
 from dryfric_control.compensation import Compensation as Compensation
 from dryfric_control.compensation import design_compensation as design_compensation
 from dryfric_control.compensation import load_compensation as load_compensation
-from dryfric_control.diagnosis import Cause as Cause
 from dryfric_control.diagnosis import Diagnosis as Diagnosis
 from dryfric_control.diagnosis import diagnose as diagnose
 from dryfric_control.diagnosis import diagnose_batch as diagnose_batch
 from dryfric_control.diagnosis import diagnose_joints as diagnose_joints
 from dryfric_control.diagnosis import next_experiment as next_experiment
-from dryfric_control.diagnosis.report.diagnosis import load_diagnosis as load_diagnosis
 from dryfric_control.export import export_c as export_c
 from dryfric_control.export import export_fmu as export_fmu
 from dryfric_control.identification import Fit as Fit
@@ -22,7 +22,6 @@ from dryfric_control.identification import FitWarning as FitWarning
 from dryfric_control.identification import fit as fit
 from dryfric_control.identification import identify_coulomb as identify_coulomb
 from dryfric_control.identification import identify_stribeck as identify_stribeck
-from dryfric_control.identification import load_fit as load_fit
 from dryfric_control.identification import replay as replay
 from dryfric_control.identification import replay_loop as replay_loop
 from dryfric_control.identification import slow_ramp_experiment as slow_ramp_experiment
@@ -42,25 +41,19 @@ from dryfric_control.model.loops import simulate_loop as simulate_loop
 from dryfric_control.model.profiles import MotionProfile as MotionProfile
 from dryfric_control.model.profiles import motion_profile as motion_profile
 from dryfric_control.model.state_machine import plot_state_machine as plot_state_machine
-from dryfric_control.observer import Certificate as Certificate
 from dryfric_control.observer import CertificateError as CertificateError
 from dryfric_control.observer import ObserverDesign as ObserverDesign
-from dryfric_control.observer import ObserverStepper as ObserverStepper
 from dryfric_control.observer import design_pi_observer as design_pi_observer
 from dryfric_control.observer import hybrid_filter as hybrid_filter
-from dryfric_control.observer import load_design as load_design
 from dryfric_control.observer import monte_carlo as monte_carlo
 from dryfric_control.observer import observe as observe
-from dryfric_control.observer import observed_loop as observed_loop
 from dryfric_control.observer import pi_observer as pi_observer
-from dryfric_control.observer import simulate_observed_loop as simulate_observed_loop
 from dryfric_control.records import Record as Record
 from dryfric_control.records import RecordWarning as RecordWarning
 from dryfric_control.records import Scaling as Scaling
 from dryfric_control.records import load_record as load_record
 from dryfric_control.records import read_bam as read_bam
 from dryfric_control.records import read_record as read_record
-from dryfric_control.simulators import to_isaac as to_isaac
 from dryfric_control.simulators import to_mjcf as to_mjcf
 from dryfric_control.simulators import to_modelica as to_modelica
 from dryfric_control.simulators import to_simscape as to_simscape
@@ -69,9 +62,15 @@ from dryfric_control.store.axis_file import read_axis as read_axis
 from dryfric_control.store.axis_file import write_axis as write_axis
 from dryfric_control.store.batch import run_batch as run_batch
 
-# Every name above is public: `X as X` says so to type checkers, and here it is said to `dir`.
-__all__ = ["__version__", "datasets", "effects", "laws", "presets"]
-__all__ += [name for name, one in globals().items() if hasattr(one, "__qualname__")]
+load_design = ObserverDesign.load
+
+# Every name above is public: `X as X` says so to type checkers, and here it is said to `dir`, but
+# for those that are listed where they are at home: in `simulators`, or as a method of their class.
+_AT_HOME = ("load_design", "to_modelica", "to_simscape", "to_urdf")
+__all__ = ["__version__", "datasets", "effects", "laws", "observer", "presets", "simulators"]
+__all__ += [
+    name for name, one in globals().items() if hasattr(one, "__qualname__") and name not in _AT_HOME
+]
 
 # Public namespaces: `from dryfric_control.effects import Cogging` reads them too.
 sys.modules[f"{__name__}.effects"] = effects

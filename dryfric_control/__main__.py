@@ -102,7 +102,7 @@ def parser() -> argparse.ArgumentParser:
         _diagnose,
         "find what the simulation of an axis gets wrong about a record, and why",
         "Writes report.html, report.png, diagnosis.json, extended.toml and saved.json, "
-        "which dfc.load_diagnosis reads in Python. Options on counts, gear, motor and sampling "
+        "which dfc.Diagnosis.load reads in Python. Options on counts, gear, motor and sampling "
         "(dt, rate, max_gap) may also be given in the table [record] of the axis file; an option "
         "overrides it.",
         ("record", str, "RUN.csv", "measured records of one machine (CSV, MAT, xlsx, parquet)",

@@ -335,10 +335,10 @@ def _edited(path: Path) -> tuple[bytes, bytes, str]:
     """A model before and after, and the text that must be in it now."""
     before = path.read_bytes()
     if path.suffix == ".mo":
-        dfc.to_modelica({"elbow": _ELBOW}, path, velocities=[-1.0, 1.0])
+        dfc.simulators.to_modelica({"elbow": _ELBOW}, path, velocities=[-1.0, 1.0])
         return before, path.read_bytes(), "tau_pos=[0, 1.5; 1, 1.7]"
     if path.suffix == ".urdf":
-        dfc.to_urdf({"elbow": _ELBOW}, path)
+        dfc.simulators.to_urdf({"elbow": _ELBOW}, path)
         return before, path.read_bytes(), "friction=1.5 damping=0.2"
     dfc.to_mjcf({"elbow": _ELBOW}, path, load=0.1)
     return before, path.read_bytes(), "frictionloss=1.5 damping=0.2 armature=0.2"
@@ -376,7 +376,7 @@ READERS = {
     "xlsx": Reader(".xlsx", dfc.read_record, _record_sound),
     "parquet": Reader(".parquet", dfc.read_record, _record_sound),
     "mcap": Reader(".mcap", dfc.read_record, _record_sound),
-    "fit": Reader(".json", dfc.load_fit, lambda fit: len(fit.summary()) > 0),
+    "fit": Reader(".json", dfc.Fit.load, lambda fit: len(fit.summary()) > 0),
     "log": Reader(".csv", _bridged, _record_sound),
     "arrays": Reader(".npz", dfc.read_record, _record_sound),
     "array": Reader(".npy", dfc.read_record, _record_sound),
@@ -387,7 +387,7 @@ READERS = {
     "mjcf": Reader(".xml", _edited, _edit_sound),
     "urdf": Reader(".urdf", _edited, _edit_sound),
     "modelica": Reader(".mo", _edited, _edit_sound),
-    "design": Reader(".json", dfc.load_design, _design_sound),
+    "design": Reader(".json", dfc.ObserverDesign.load, _design_sound),
     "bam": Reader(".json", dfc.read_bam, _log_sound),
 }
 

@@ -85,21 +85,22 @@ def magnet(**changes: Any) -> Any:
 
 PUBLIC = {
     name: getattr(space, name)
-    for space in (dfc, dfc.effects, dfc.laws)
+    for space in (dfc, dfc.effects, dfc.laws, dfc.simulators)
     for name in space.__all__
-    if name not in ("datasets", "effects", "laws", "presets")
+    if name not in ("datasets", "effects", "laws", "observer", "presets", "simulators")
 }
+for _name in ("ObserverStepper", "observed_loop", "simulate_observed_loop"):
+    PUBLIC[_name] = getattr(dfc.observer, _name)
 
 # Names that take nothing from a user: errors and warnings, and objects that the package makes,
 # whose methods take no argument or are in the table under the name of the function.
 NOTHING_TO_SPOIL = set(
-    "__version__ Cause Certificate CertificateError Compensation Diagnosis MotionProfile FitWarning "
-    "Inner RecordWarning".split()
+    "__version__ CertificateError Compensation MotionProfile FitWarning Inner RecordWarning".split()
 )
 
 
 # Made by the package: the table spoils the arguments of their methods.
-GIVEN = {"SimulationResponse", "Events", "Fit", "Experiment", "ObserverDesign", "Law"}
+GIVEN = {"SimulationResponse", "Events", "Diagnosis", "Fit", "Experiment", "ObserverDesign", "Law"}
 
 #: Sound values of the arguments that must be given, by their names.
 USUAL: dict[str, Any] = {
@@ -143,9 +144,9 @@ CALLS: dict[str, Callable[..., Any]] = {
             ),
             (RECORD, "commanded derivatives to_csv plot read compare"),
             (dfc.Scaling(), "of from_dict from_file"),
-            (DESIGN, "mode_matrices error_dynamics save"),
-            (dfc.ObserverStepper(DESIGN), "step"),
-            (FIT, "interval bootstrap replay save plot"),
+            (DESIGN, "mode_matrices error_dynamics save load"),
+            (dfc.observer.ObserverStepper(DESIGN), "step"),
+            (FIT, "interval bootstrap replay save load plot"),
             (PLAN, "to_csv plot"),
         )
         for name in names.split()
@@ -162,6 +163,7 @@ CALLS: dict[str, Callable[..., Any]] = {
     "Effect": fx.Spring,
     "register_effect": magnet,
     "datasets.emps": dfc.datasets.emps,
+    "Diagnosis.load": dfc.Diagnosis.load,
 }
 
 
@@ -544,10 +546,10 @@ files(
 for _names, _file in (
     ("read_axis Scaling.from_file", "axis.toml"),
     ("read_bam", "log.json"),
-    ("load_design", "observer.json"),
-    ("load_fit", "fit.json"),
+    ("ObserverDesign.load", "observer.json"),
+    ("Fit.load", "fit.json"),
     ("load_record", "record.json"),
-    ("load_diagnosis", "diagnosis.json"),
+    ("Diagnosis.load", "diagnosis.json"),
     ("load_compensation", "compensation.json"),
     ("datasets.emps", "DATA_EMPS.mat"),
 ):
@@ -636,8 +638,10 @@ def into(function: Callable[..., Any], file: str, text: str, **sound: Any) -> Ca
 _SLIDE = '<joint name="{}" type="{}"/>'
 _BODY = "<mujoco><worldbody><body>{}</body></worldbody></mujoco>"
 _ARM = into(dfc.to_mjcf, "arm.xml", _BODY.format(_SLIDE.format("z", "slide")), load=0.1)
-_URDF = into(dfc.to_urdf, "arm.urdf", "<robot>" + _SLIDE.format("z", "prismatic") + "</robot>")
-_MO = into(dfc.to_modelica, "Arm.mo", "model Arm SupportFriction z; end Arm;")
+_URDF = into(
+    dfc.simulators.to_urdf, "arm.urdf", "<robot>" + _SLIDE.format("z", "prismatic") + "</robot>"
+)
+_MO = into(dfc.simulators.to_modelica, "Arm.mo", "model Arm SupportFriction z; end Arm;")
 _TO_FILES = "to_isaac to_simscape"
 _MODELS = {"to_mjcf": _ARM, "to_urdf": _URDF, "to_modelica": _MO, _TO_FILES: None}
 for _name, _call in _MODELS.items():
@@ -902,7 +906,7 @@ def test_error_names_argument_value_and_mend(case, folder, monkeypatch):
         ways = shown(case.spoil[first])
         assert not ways or any(way in text for way in ways), f"{text!r} does not show {ways}"
     assert len(text) < 1000
-    if case.name in ("read_axis", "load_design"):
+    if case.name in ("read_axis", "ObserverDesign.load"):
         assert re.search(r"\w\.(toml|json)", text) or case.spoil == dict(path=3)
     if case.call is None:
         assert sorted(folder.iterdir()) == before
@@ -910,7 +914,7 @@ def test_error_names_argument_value_and_mend(case, folder, monkeypatch):
 
 def test_sound_calls_are_sound():
     """What a row spoils works unspoiled, so that the row fails for its own reason."""
-    files = "read_ load_ write_ to_csv from_f .save fit presets datasets Fit export_ to_"
+    files = "read_ load write_ to_csv from_f .save fit presets datasets Fit export_ to_"
     slow = "diagnose next_experiment identify_ slow_ramp monte_carlo design_pi plot Simulation"
     for name, (call, arguments) in SOUND.items():
         if not any(word in name for word in f"{files} {slow}".split()):

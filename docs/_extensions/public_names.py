@@ -6,23 +6,28 @@ import inspect
 from typing import TYPE_CHECKING
 
 import dryfric_control
-from dryfric_control import datasets, effects, laws, presets
+from dryfric_control import datasets, effects, laws, presets, simulators
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
     from sphinx.environment import BuildEnvironment
 
 
-#: Classes of results, where they are made: nobody calls them, everybody reads them.
+#: Classes of results where they are made, which everybody reads, and the loops of an observer.
 RESULTS = (
     "compensation.certificate.TrackingCertificate",
     "compensation.runtime.CompensatedController",
     "compensation.runtime.CompensationStepper",
+    "diagnosis.Cause",
     "diagnosis.experiment.Experiment",
     "diagnosis.joints.JointDiagnoses",
     "model.axis.AxisStepper",
     "model.responses.Events",
     "model.responses.SimulationResponse",
+    "observer.Certificate",
+    "observer.ObserverStepper",
+    "observer.observed_loop",
+    "observer.simulate_observed_loop",
     "records.data_check.RecordCheck",
     "simulators.joint_values.SimulatorValues",
 )
@@ -30,11 +35,12 @@ RESULTS = (
 
 def public_names() -> list[str]:
     """Every name a user may rely on, below `dryfric_control`."""
-    rooms = ("datasets", "effects", "laws", "presets")
+    rooms = ("datasets", "effects", "laws", "observer", "presets", "simulators")
     names = [name for name in dryfric_control.__all__ if name not in rooms]
     names += [f"datasets.{name}" for name in datasets.__all__]
     names += [f"effects.{name}" for name in effects.__all__]
     names += [f"laws.{name}" for name in laws.__all__]
+    names += [f"simulators.{name}" for name in simulators.__all__ if name not in names]
     ready = inspect.getmembers(presets, inspect.isfunction)
     names += [
         f"presets.{name}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,21 +23,27 @@ from dryfric_control.model.axis import FrictionAxis, check_pace
 from dryfric_control.model.loops import simulate_loop
 from dryfric_control.model.profiles import MotionProfile, motion_profile
 from dryfric_control.observer.certificate import CertificateError
-from dryfric_control.observer.design import SAVED as OBSERVER_SAVED
 from dryfric_control.observer.design import ObserverDesign, design_pi_observer
 from dryfric_control.observer.design import checked as checked_design
 from dryfric_control.observer.weights import LEFT_OUT
 from dryfric_control.order import check_quantum_and_dt
-from dryfric_control.store.saved import load_object, save_object
+from dryfric_control.store.saved import Saved
 from dryfric_control.text import Result, documented, length_text, prefixed, see, stated, typeset
 
-#: What a file of a compensation is.
-KIND = "friction compensation"
+
+@dataclass(frozen=True, eq=False)
+class Promise:
+    """Contents of a file: a design, and what a reader must come to by computing it anew."""
+
+    design: Compensation
+    #: Those of its law, which may change with the package.
+    numbers: Floats
+    tube: float
 
 
 @documented
 @dataclass(frozen=True, eq=False, repr=False)
-class Compensation(Result):
+class Compensation(Saved, Result):
     """A friction-compensating position controller, certified.
 
     Made by `design_compensation`.
@@ -71,6 +76,9 @@ class Compensation(Result):
     correction: float = stated("Largest change of the nominal friction, over the Coulomb level.")
     observer: ObserverDesign | None = stated("The switched observer, where the law has one.")
     certificate: TrackingCertificate = stated("Tracking tube and conditions of rest.")
+    _kind = "friction compensation"
+    _holds = (Promise, ObserverDesign, *ObserverDesign._holds)
+    _broken = CertificateError
 
     @functools.cached_property
     def rigid_axis(self) -> FrictionAxis:
@@ -127,17 +135,14 @@ class Compensation(Result):
             instance("reference", reference, MotionProfile, "made by dfc.motion_profile")
         return proof.certify_tracking(self.loop, mu, known, peak, reference)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the design to a file that `load_compensation` reads back.
-
-        Parameters
-        ----------
-        path : str or path
-        """
-        observer = self.observer and replace(self.observer, certificate=None)  # type: ignore[arg-type]
+    def _kept(self) -> Promise:
+        observer = self.observer and self.observer._kept()
         bare = replace(self, certificate=None, observer=observer)  # type: ignore[arg-type]
-        numbers, tube = self.controller.law.numbers, self.certificate.tube
-        save_object(Promise(bare, numbers, tube), path, KIND, SAVED)
+        return Promise(bare, self.controller.law.numbers, self.certificate.tube)
+
+    @classmethod
+    def _opened(cls, held: Promise) -> Compensation:
+        return _checked(held)
 
     def _shown(self) -> Iterator[str]:
         length, force = self.axis.units
@@ -484,18 +489,6 @@ def design_compensation(
     return certified(made)
 
 
-@dataclass(frozen=True, eq=False)
-class Promise:
-    """Contents of a file: a design, and what a reader must come to by computing it anew."""
-
-    design: Compensation
-    #: Those of its law, which may change with the package.
-    numbers: Floats
-    tube: float
-
-
-#: What stands in a file of a compensation.
-SAVED = (Promise, Compensation, *OBSERVER_SAVED)
 _MAY_BE_ZERO = "encoder_quantum input_delay ki filter_time learning mismatch correction".split()
 _POSITIVE = ("dt", "bandwidth", "kp", "tolerance", "disturbance_bandwidth", *_MAY_BE_ZERO)
 
@@ -524,30 +517,8 @@ def _three(gains: Any) -> tuple[float, float, float]:
     )
 
 
-def load_compensation(path: str | os.PathLike[str]) -> Compensation:
-    """Read a compensation back and check its certificate.
-
-    Parameters
-    ----------
-    path : str or path
-        File written by `Compensation.save`.
-
-        A ValueError if it states a smaller tube than its certificate, computed anew, is damaged
-        or newer than this package.
-
-    Examples
-    --------
-    >>> import dryfric_control as dfc
-    >>> import pathlib, tempfile
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> comp = dfc.design_compensation(axis, dt=1e-3)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     comp.save(pathlib.Path(folder) / "compensation.json")
-    ...     again = dfc.load_compensation(pathlib.Path(folder) / "compensation.json")
-    >>> again.certificate.tube == comp.certificate.tube
-    True
-    """
-    return load_object(path, KIND, SAVED, _checked, CertificateError)
+#: Under the name beside `design_compensation`.
+load_compensation = Compensation.load
 
 
 def _checked(stated: Promise) -> Compensation:

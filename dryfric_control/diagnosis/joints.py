@@ -11,7 +11,7 @@ from typing import Any
 
 from dryfric_control.checks import instance, positive
 from dryfric_control.diagnosis.diagnose import diagnose, run_cases
-from dryfric_control.diagnosis.report.diagnosis import SAVED, Diagnosis
+from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge, declared, values_of
 from dryfric_control.model.axis import FrictionAxis
@@ -19,6 +19,8 @@ from dryfric_control.records.record import Record
 from dryfric_control.store.batch import fingerprint
 from dryfric_control.store.saved import from_plain, to_plain
 from dryfric_control.text import Result, documented, length_text, stated
+
+_SAVED = (Diagnosis, *Diagnosis._holds)
 
 
 @documented
@@ -204,11 +206,11 @@ def diagnose_joints(
         progress=progress,
         own=lambda axis: (fingerprint(axis),),
     )
-    return JointDiagnoses({name: from_plain(one, SAVED) for name, one in found.items()})
+    return JointDiagnoses({name: from_plain(one, _SAVED) for name, one in found.items()})
 
 
 def _found(options: dict[str, Any], case: tuple[FrictionAxis, tuple[Record, ...]]) -> Any:
     axis, records = case
     record = records[0] if len(records) == 1 else records
     # Joints already run in parallel.
-    return to_plain(diagnose(axis, record, jobs=1, progress=False, **options), SAVED)
+    return to_plain(diagnose(axis, record, jobs=1, progress=False, **options), _SAVED)

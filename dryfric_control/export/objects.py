@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.checks import positive
-from dryfric_control.compensation import design as compensations
-from dryfric_control.compensation import load_compensation
 from dryfric_control.compensation.design import Compensation
 from dryfric_control.compiled import axis_step, compensation, elastic, hybrid_filter, observer
 from dryfric_control.export import entries
@@ -22,8 +20,7 @@ from dryfric_control.export import translate as c
 from dryfric_control.export.translate import Function, Translator
 from dryfric_control.model.axis import FrictionAxis, check_pace
 from dryfric_control.model.effects.effect import Effect, law_address
-from dryfric_control.observer import design as designs
-from dryfric_control.observer.design import ObserverDesign, load_design
+from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.hybrid_filter import HybridFilter
 from dryfric_control.observer.runtime import first_memory, tables
 from dryfric_control.store.saved import load_any
@@ -187,7 +184,7 @@ def read_exportable(path: str | os.PathLike[str]) -> Any:
     """Read a saved axis, observer design or compensation, whichever the file holds."""
     return load_any(
         path,
-        {compensations.KIND: load_compensation, designs.KIND: load_design},
+        (ObserverDesign, Compensation),
         "can not be exported: give an axis (TOML), or what `save` wrote of an observer design or "
         "a compensation (JSON)",
     )

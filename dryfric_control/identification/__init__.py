@@ -1,7 +1,7 @@
 """Identification: from measured records to an axis."""
 
 from dryfric_control.identification.coulomb import CoulombIdentification, identify_coulomb
-from dryfric_control.identification.fit import Fit, FitWarning, fit, load_fit
+from dryfric_control.identification.fit import Fit, FitWarning, fit
 from dryfric_control.identification.replay import replay, replay_loop
 from dryfric_control.identification.slow_ramp import SlowRamp, slow_ramp_experiment
 from dryfric_control.identification.stribeck import identify_stribeck, ripple
@@ -14,7 +14,6 @@ __all__ = [
     "fit",
     "identify_coulomb",
     "identify_stribeck",
-    "load_fit",
     "replay",
     "replay_loop",
     "ripple",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -37,7 +36,7 @@ from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction_curve import draw_curve
 from dryfric_control.records.record import Record
-from dryfric_control.store.saved import load_object, save_object
+from dryfric_control.store.saved import Saved
 from dryfric_control.text import (
     Result,
     documented,
@@ -100,7 +99,7 @@ class FitWarning(UserWarning):
 
 @documented
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit(Result):
+class Fit(Saved, Result):
     """Axis fitted to records, with uncertainty of its parameters.
 
     Made by `fit`.
@@ -137,6 +136,8 @@ class Fit(Result):
         "each window."
     )
     _terms: tuple[Any, ...] = stated("What the intervals follow from.")
+    _kind = "fit"
+    _holds = (Replay, Windows, Parameter, Record)
 
     def interval(self, level: float = 0.9) -> dict[str, tuple[float, float]]:
         """Confidence intervals from the standard errors.
@@ -210,18 +211,6 @@ class Fit(Result):
         shift = self.parameters.get("input_shift", 0.0)
         return replay(self.axis, record, window, self.training[0].windows.hold, shift=shift)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the fit with its records to a JSON file.
-
-        `load_fit` reads it.
-
-        Parameters
-        ----------
-        path : path-like
-            File to write, replaced as a whole or not at all.
-        """
-        save_object(self, path, "fit", _SAVED)
-
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         ends = self.interval(0.9)
         rows: list[tuple[str, ...]] = [("parameter", "value", "std. error", "90 % interval")]
@@ -262,48 +251,6 @@ class Fit(Result):
         labelled(top, f"velocity [{length}/s]", f"friction [{force}]")
         _draw_errors(bottom, self.training, length)
         return f"{axis.name}: fit"
-
-
-_SAVED = (Fit, Replay, Windows, Parameter, Record)
-
-
-def load_fit(path: str | os.PathLike[str]) -> Fit:
-    """Read a fit back as it was.
-
-    Parameters
-    ----------
-    path : path-like
-        File written by `Fit.save`.
-
-    Returns
-    -------
-    Fit
-
-    Raises
-    ------
-    ValueError
-        If the file is no fit, of another version, or was changed.
-    OSError
-        If the file cannot be read.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> import numpy as np
-    >>> import dryfric_control as dfc
-    >>> true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> t = 1e-3 * np.arange(4000)
-    >>> u = 20.0 * np.sin(6.0 * t) + 10.0 * np.sin(17.0 * t)
-    >>> record = dfc.Record(t, u, true.simulate(u, dt=1e-3).y[0])
-    >>> found = dfc.fit(true, record, free=("mass",))
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     found.save(pathlib.Path(folder, "fit.json"))
-    ...     again = dfc.load_fit(pathlib.Path(folder, "fit.json"))
-    >>> again.parameters == found.parameters, again.interval() == found.interval()
-    (True, True)
-    """
-    found: Fit = load_object(path, "fit", _SAVED)
-    return found
 
 
 def fit(

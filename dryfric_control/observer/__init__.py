@@ -6,7 +6,7 @@ from dryfric_control.observer.closed_loop import (
     observed_loop,
     simulate_observed_loop,
 )
-from dryfric_control.observer.design import ObserverDesign, design_pi_observer, load_design
+from dryfric_control.observer.design import ObserverDesign, design_pi_observer
 from dryfric_control.observer.hybrid_filter import hybrid_filter
 from dryfric_control.observer.monte_carlo import monte_carlo
 from dryfric_control.observer.runtime import ObserverStepper, observe, pi_observer
@@ -22,7 +22,6 @@ __all__ = [
     "design_pi_observer",
     "filter_reference",
     "hybrid_filter",
-    "load_design",
     "monte_carlo",
     "observe",
     "observed_loop",

@@ -131,7 +131,8 @@ def simulate_observed_loop(
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     >>> design = dfc.design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-5)
     >>> controller = dfc.PositionController.from_bandwidth(axis, 20.0, 1e-3)
-    >>> run = dfc.simulate_observed_loop(axis, controller, design, [0.1] * 2000, quantum=1e-5)
+    >>> r = [0.1] * 2000
+    >>> run = dfc.observer.simulate_observed_loop(axis, controller, design, r, quantum=1e-5)
     >>> run.score.speed < 0.03
     True
     """
@@ -181,7 +182,8 @@ def observed_loop(
     >>> import dryfric_control as dfc
     >>> from dryfric_control import presets
     >>> axis = presets.clutch_actuator()
-    >>> loop = dfc.observed_loop(axis, presets.clutch_controller(), presets.clutch_observer())
+    >>> controller, design = presets.clutch_controller(), presets.clutch_observer()
+    >>> loop = dfc.observer.observed_loop(axis, controller, design)
     >>> start = np.zeros(loop.nstates)
     >>> start[loop.find_state("observer_xhat")] = 1000.0
     >>> run = ct.input_output_response(loop, np.arange(3) * 1e-3, 0.0, start)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,19 +26,17 @@ from dryfric_control.observer.error_model import DISCRETIZATIONS, FORMS, ErrorMo
 from dryfric_control.observer.memory import ModeGraph, allowed_pairs, dwell_graph, window_graph
 from dryfric_control.observer.synthesis import SOLVERS, Scales, certified_solution, scales_of
 from dryfric_control.observer.weights import default_weights, own_axis
-from dryfric_control.store.saved import load_object, save_object
+from dryfric_control.store.saved import Saved
 from dryfric_control.text import Result, documented, stated
 
 METHODS = ("paper", "slack", "path", "dwell")
 #: Memory in samples where the user names none.
 DEFAULT_WINDOW = {"paper": 1, "slack": 1, "path": 4, "dwell": 16}
-#: What a file of a design is.
-KIND = "observer design"
 
 
 @documented
 @dataclass(frozen=True, eq=False, repr=False)
-class ObserverDesign(Result):
+class ObserverDesign(Saved, Result):
     """A switched PI observer: gains, specifications, certificate.
 
     Made by `design_pi_observer`.
@@ -76,6 +73,9 @@ class ObserverDesign(Result):
     lyapunov: Floats = stated("Lyapunov matrices that prove the gain, scaled, shape (n, 3, 3).")
     lyapunov_decay: Floats = stated("Lyapunov matrices that prove the decay.")
     certificate: Certificate = stated("The recomputed check.")
+    _kind = "observer design"
+    _holds = (ModeGraph,)
+    _broken = CertificateError
 
     @property
     def lower_bound(self) -> float:
@@ -172,16 +172,13 @@ class ObserverDesign(Result):
         proofs, unit = (self.lyapunov, self.lyapunov_decay), 1.0 / self.output_scale
         return certify(problem, self.classes, gains, gamma, *proofs, unit)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the design to a text file; `load_design` reads it back.
-
-        Parameters
-        ----------
-        path : str or path
-        """
+    def _kept(self) -> ObserverDesign:
         # Its certificate is computed anew by who reads it.
-        bare = replace(self, certificate=None)  # type: ignore[arg-type]
-        save_object(bare, path, KIND, SAVED)
+        return replace(self, certificate=None)  # type: ignore[arg-type]
+
+    @classmethod
+    def _opened(cls, held: Any) -> ObserverDesign:
+        return checked(super()._opened(held))
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         u = self.uncertainty
@@ -205,8 +202,6 @@ class ObserverDesign(Result):
         yield from self.certificate._shown()
 
 
-#: What stands in a file of a design.
-SAVED = (ObserverDesign, ModeGraph)
 _WORDS = {"method": METHODS, "discretization": DISCRETIZATIONS, "form": FORMS}
 
 
@@ -366,31 +361,6 @@ def design_pi_observer(
         certificate=certificate,
         **given,
     )
-
-
-def load_design(path: str | os.PathLike[str]) -> ObserverDesign:
-    """Read a design back and check its certificate.
-
-    Parameters
-    ----------
-    path : str or path
-        File written by `ObserverDesign.save`.
-
-        A ValueError if its gains fail the certificate, which is computed anew, or it is damaged.
-
-    Examples
-    --------
-    >>> import dryfric_control as dfc
-    >>> import tempfile, pathlib
-    >>> axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=8.0)
-    >>> design = dfc.design_pi_observer(axis, dt=1e-3)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     design.save(pathlib.Path(folder) / "observer.json")
-    ...     again = dfc.load_design(pathlib.Path(folder) / "observer.json")
-    >>> bool((again.node_gains == design.node_gains).all())
-    True
-    """
-    return load_object(path, KIND, SAVED, checked, CertificateError)
 
 
 def checked(design: ObserverDesign) -> ObserverDesign:

@@ -295,7 +295,8 @@ class ObserverStepper(Stepper):
     --------
     >>> import dryfric_control as dfc
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> observer = dfc.ObserverStepper(dfc.design_pi_observer(axis, dt=1e-3), encoder_quantum=1e-5)
+    >>> design = dfc.design_pi_observer(axis, dt=1e-3)
+    >>> observer = dfc.observer.ObserverStepper(design, encoder_quantum=1e-5)
     >>> observer.step(u=5.0, y=0.0)
     Estimate(x=0.0, v=0.0, F=5.0, w=0.0, mode=0)
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from dryfric_control.records.record_checks import vector
 from dryfric_control.records.record_warning import warn
 from dryfric_control.records.scaling import Scaling
 from dryfric_control.store.files import read_json
-from dryfric_control.store.saved import load_object
 
 _BAM_FULL_DUTY = 885.0  # `load` at 100 % PWM duty of the XL330
 _BAM_KEYS = "timestamp position goal_position load input_volts temp torque_enable".split()
@@ -143,27 +142,8 @@ def _has_gaps(values: Any) -> bool:
     return array.dtype.kind == "f" and not np.isfinite(array).all()
 
 
-def load_record(path: str | os.PathLike[str]) -> Record:
-    """Read a record that `Record.save` wrote.
-
-    Parameters
-    ----------
-    path : path-like
-        A file of another kind or version, or that was changed, is refused.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> import numpy as np
-    >>> import dryfric_control as dfc
-    >>> t = 1e-3 * np.arange(2000)
-    >>> record = dfc.Record(t, np.cos(t), np.sin(t), name="run")
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     record.save(pathlib.Path(folder, "run.json"))
-    ...     dfc.load_record(pathlib.Path(folder, "run.json")) == record
-    True
-    """
-    return cast(Record, load_object(path, "record", (Record,)))
+#: Under the name beside `read_record`.
+load_record = Record.load
 
 
 def read_bam(path: str | os.PathLike[str], dt: float | None = None) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
 from dryfric_control.records.record_warning import RecordWarning, warn
 from dryfric_control.records.resolution import ROUNDING, Resolution
 from dryfric_control.store.files import file_path, replacing
-from dryfric_control.store.saved import save_object
+from dryfric_control.store.saved import Saved
 from dryfric_control.text import table
 from dryfric_control.ties import samples
 
@@ -50,7 +50,7 @@ class Derivatives(NamedTuple):
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class Record:
+class Record(Saved):
     """Measured run of one axis, uniformly sampled.
 
     The arrays are copied to float64 and made read-only.
@@ -128,6 +128,7 @@ class Record:
     channels: Mapping[str, Floats]
     raw: Mapping[str, tuple[str, float]]
     masked: Masked
+    _kind = "record"
 
     def __init__(
         self,
@@ -734,16 +735,6 @@ class Record:
             for a in range(0, len(self), 65_536):
                 chunk = (c[a : a + 65_536].tolist() for c in columns.values())
                 file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*chunk, strict=True))
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write all that it holds to a JSON file for `load_record`.
-
-        Parameters
-        ----------
-        path : path-like
-            Replaced as a whole or not at all.
-        """
-        save_object(self, path, "record", (Record,))
 
     def _columns(self) -> dict[str, npt.NDArray[Any]]:
         """Channels under headings with units."""

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.parsers import expat
 
-from dryfric_control.diagnosis.report.diagnosis import load_diagnosis
-from dryfric_control.identification import load_fit
+from dryfric_control.diagnosis import Diagnosis
+from dryfric_control.identification import Fit
 from dryfric_control.simulators.joint_values import SimulatorValues
 from dryfric_control.store.files import existing_file, file_path, write_file
 from dryfric_control.store.saved import load_any
@@ -57,7 +57,7 @@ def read_result(path: str | os.PathLike[str]) -> Any:
     """A fit, a diagnosis or an axis, whichever a file holds."""
     return load_any(
         path,
-        {"fit": load_fit, "diagnosis": load_diagnosis},
+        (Fit, Diagnosis),
         "is no result: give an axis (TOML), or what `save` wrote of a fit or a diagnosis (JSON; "
         "saved.json of the command diagnose)",
     )

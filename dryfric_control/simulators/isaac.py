@@ -57,7 +57,7 @@ def to_isaac(
     >>> axis = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=1.5, units=("rad", "N m"))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "friction.py")
-    ...     found = dfc.to_isaac({"elbow": axis}, path, load=0.1)
+    ...     found = dfc.simulators.to_isaac({"elbow": axis}, path, load=0.1)
     ...     print(path.read_text().splitlines()[1])
         friction={"elbow": 1.5},
     """

@@ -87,7 +87,8 @@ class SimulatorValues(Result):
     >>> import dryfric_control as dfc
     >>> axis = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=1.5, units=("rad", "N m"))
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = dfc.to_isaac({"elbow": axis}, pathlib.Path(folder, "friction.py"), load=0.1)
+    ...     file = pathlib.Path(folder, "friction.py")
+    ...     written = dfc.simulators.to_isaac({"elbow": axis}, file, load=0.1)
     >>> round(written.values["elbow"]["armature"], 9), written.lost
     (0.2, ())
     """

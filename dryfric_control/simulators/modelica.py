@@ -75,7 +75,7 @@ def to_modelica(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     arm = pathlib.Path(folder, "Arm.mo")
     ...     _ = arm.write_text("model Arm BearingFriction elbow(tau_pos=[0, 1]); end Arm;")
-    ...     found = dfc.to_modelica(axis, arm, velocities=[-2.0, -1.0, 1.0, 2.0])
+    ...     found = dfc.simulators.to_modelica(axis, arm, velocities=[-2.0, -1.0, 1.0, 2.0])
     ...     print(arm.read_text()[:47])
     model Arm BearingFriction elbow(tau_pos=[0, 1.5
     >>> found.lost

@@ -84,7 +84,7 @@ def to_simscape(
     >>> axis = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=1.5, units=("rad", "N m"))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     script = pathlib.Path(folder, "friction.m")
-    ...     found = dfc.to_simscape({"arm/Elbow": axis}, script)
+    ...     found = dfc.simulators.to_simscape({"arm/Elbow": axis}, script)
     ...     print(script.read_text().splitlines()[0])
     set_param('arm/Elbow', 'brkwy_trq', '1.5', 'brkwy_trq_unit', 'N*m');
     """

@@ -48,7 +48,7 @@ def to_urdf(
     ...     arm = pathlib.Path(folder, "arm.urdf")
     ...     _ = arm.write_text('<robot><joint name="a" type="continuous">'
     ...                        '<dynamics damping="0"/></joint></robot>')
-    ...     found = dfc.to_urdf(axis, arm)
+    ...     found = dfc.simulators.to_urdf(axis, arm)
     ...     print(arm.read_text()[:-16])
     <robot><joint name="a" type="continuous"><dynamics damping="0.2" friction="1.5"/>
     """

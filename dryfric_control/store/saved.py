@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -44,15 +44,12 @@ def load_object(
     check: Callable[[Any], Any] = lambda found: found,
     broken: type[ValueError] | None = None,
 ) -> Any:
-    """Read an object of the first class, as `check` returns it; `broken`: its promise not kept."""
+    """Read an object as `check` returns it; `broken`: its promise not kept."""
     data, intact = read_document(path, kind)
     try:
         # Numbers beyond all reason overflow somewhere; sound ones do nowhere.
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            found = from_plain(data["content"], classes)
-            if type(found) is not classes[0]:
-                raise ValueError(f"it holds {type(found).__name__}")
-            found = check(found)
+            found = check(from_plain(data["content"], classes))
     except _SENSELESS as error:
         if broken is not None and isinstance(error, broken):
             raise broken(f"{path} was changed: {error}") from None
@@ -65,6 +62,62 @@ def load_object(
             "it again in place of editing the file"
         )
     return found
+
+
+class Saved:
+    """Something that a file keeps: as it was, or not at all."""
+
+    _kind: ClassVar[str]  # what the file says that it is
+    _holds: ClassVar[tuple[type, ...]] = ()  # classes of what stands in it beside
+    _broken: ClassVar[type[ValueError] | None] = None  # raised where it promises too much
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write all that it holds to a JSON file for `load`.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write, replaced as a whole or not at all.
+        """
+        save_object(self._kept(), path, self._kind, (type(self), *self._holds))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """Read back what `save` wrote, as it was.
+
+        The certificate of an observer or a compensation is computed anew.
+
+        Parameters
+        ----------
+        path : path-like
+            A file of another kind or version, that was changed, or whose gains fail their
+            certificate, is refused.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile
+        >>> import numpy as np
+        >>> import dryfric_control as dfc
+        >>> t = 1e-3 * np.arange(2000)
+        >>> record = dfc.Record(t, np.cos(t), np.sin(t), name="run")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     record.save(pathlib.Path(folder, "run.json"))
+        ...     dfc.Record.load(pathlib.Path(folder, "run.json")) == record
+        True
+        """
+        found: Self = load_object(path, cls._kind, (cls, *cls._holds), cls._opened, cls._broken)
+        return found
+
+    def _kept(self) -> Any:
+        """What the file holds of it."""
+        return self
+
+    @classmethod
+    def _opened(cls, held: Any) -> Self:
+        """What a file held, checked."""
+        if type(held) is not cls:
+            raise ValueError(f"it holds {type(held).__name__}")
+        return held
 
 
 def write_document(path: str | os.PathLike[str], kind: str, data: Mapping[str, Any]) -> None:
@@ -104,13 +157,15 @@ def kind_of(path: str | os.PathLike[str]) -> str:
         return ""
 
 
-def load_any(path: str | os.PathLike[str], loaders: Mapping[str, Any], mend: str) -> Any:
-    """An axis (TOML), or what the loader of the kind of a saved file reads."""
+def load_any(path: str | os.PathLike[str], classes: Sequence[type[Saved]], mend: str) -> Any:
+    """An axis (TOML), or an object that one of some classes saved."""
     source = existing_file(path)
     if source.suffix == ".toml":
         return read_axis(source)
-    if load := loaders.get(kind_of(source)):
-        return load(source)
+    kind = kind_of(source)
+    for cls in classes:
+        if cls._kind == kind:
+            return cls.load(source)
     raise ValueError(f"{source} {mend}")
 
 

@@ -748,7 +748,7 @@ def test_command_writes_the_report(command, found, tmp_path, monkeypatch, capsys
     assert {path.name for path in out.iterdir()} == FILES
     assert found.summary() in capsys.readouterr().out
     assert read_axis(out / "extended.toml") == found.extended
-    assert dfc.load_diagnosis(out / "saved.json").summary() == found.summary()
+    assert dfc.Diagnosis.load(out / "saved.json").summary() == found.summary()
     assert json.loads((out / "diagnosis.json").read_text())["verdict"] == "partly explained"
     assert (out / "report.png").read_bytes().startswith(b"\x89PNG")
     Page((out / "report.html").read_text())

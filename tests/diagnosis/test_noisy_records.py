@@ -53,7 +53,7 @@ def test_names_a_bias_in_noise(biased):
 @pytest.mark.slow
 def test_reads_back_as_it_was(biased, tmp_path):
     biased.save(tmp_path / "d.json")
-    again = dfc.load_diagnosis(tmp_path / "d.json")
+    again = dfc.Diagnosis.load(tmp_path / "d.json")
     assert again.remaining == biased.remaining
     assert again.references == biased.references
 

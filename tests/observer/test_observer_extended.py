@@ -11,10 +11,10 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.observer import (
+    ObserverDesign,
     ObserverStepper,
     ObserverWarning,
     design_pi_observer,
-    load_design,
     observe,
     pi_observer,
     simulate_observed_loop,
@@ -163,7 +163,9 @@ def test_faces_agree_with_every_effect(rule, tmp_path):
     assert np.abs((steps - whole.y) / scale).max() < 1e-9
     assert set(np.unique(whole.mode)) == {-1, 0, 1}
     design.save(tmp_path / "observer.json")
-    again = observe(load_design(tmp_path / "observer.json"), u, y, xhat0=0.0, switching=rule)
+    again = observe(
+        ObserverDesign.load(tmp_path / "observer.json"), u, y, xhat0=0.0, switching=rule
+    )
     np.testing.assert_array_equal(again.y, whole.y)
 
 

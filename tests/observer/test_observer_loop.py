@@ -68,7 +68,9 @@ def test_reference_filter_is_a_butterworth_and_rests_where_the_axis_does():
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     design = dfc.design_pi_observer(axis, DT, encoder_quantum=1e-6)
     controller = dfc.PositionController.from_bandwidth(axis, 20.0, DT)
-    run = dfc.simulate_observed_loop(axis, controller, design, [0.1] * 200, quantum=1e-6, x0=0.1)
+    run = dfc.observer.simulate_observed_loop(
+        axis, controller, design, [0.1] * 200, quantum=1e-6, x0=0.1
+    )
     # 16 digits of 0.1 m
     np.testing.assert_allclose(run.reference, 0.1, atol=1e-16)
     assert np.ptp(run.plant.y[0]) == 0.0 and repr(run) == run.summary()

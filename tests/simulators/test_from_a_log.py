@@ -82,7 +82,7 @@ def test_from_a_log_to_mujoco_by_one_command(tmp_path, monkeypatch):
     with among("backlash", "compliance", "end_stop", "input_gain", "load_dependence", "stribeck"):
         assert main([*command.split(), "--jobs", "1"]) == 0
 
-    found = {name: dfc.load_diagnosis(f"joints/{name}/saved.json") for name in JOINTS}
+    found = {name: dfc.Diagnosis.load(f"joints/{name}/saved.json") for name in JOINTS}
     causes = {name: {c.effect for c in d.causes} for name, d in found.items()}
     said = dfc.to_mjcf(found, "arm.xml", out="again.xml").messages
     assert "backlash" in causes["joint_2"] and "end_stop" in causes["joint_3"]

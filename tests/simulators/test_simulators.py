@@ -90,7 +90,9 @@ def test_mjcf_keeps_every_other_byte(arm):
 def test_urdf_keeps_every_other_byte(tmp_path):
     path, out = tmp_path / "arm.urdf", tmp_path / "out.urdf"
     path.write_bytes(URDF)
-    found = dfc.to_urdf({"elbow": PLAIN, "wrist": PLAIN.replace(coulomb=0.5)}, path, out=out)
+    found = dfc.simulators.to_urdf(
+        {"elbow": PLAIN, "wrist": PLAIN.replace(coulomb=0.5)}, path, out=out
+    )
     right = URDF.replace(b"friction='0.1'", b"friction='1.2' damping=\"0.3\"").replace(
         b'"continuous">\n', b'"continuous">\n    <dynamics damping="0.3" friction="0.5"/>\n'
     )
@@ -102,7 +104,7 @@ def test_modelica_keeps_every_other_byte(tmp_path):
     path = tmp_path / "Arm.mo"
     path.write_bytes(MO)
     v = [-1.0, 1.0]
-    dfc.to_modelica({"elbow": PLAIN, "wrist": PLAIN}, path, velocities=v)
+    dfc.simulators.to_modelica({"elbow": PLAIN, "wrist": PLAIN}, path, velocities=v)
     table = b"tau_pos=[0, 1.2; 1, 1.5]"
     right = MO.replace(b"tau_pos=[0, 1; 2, 3]", table).replace(
         b"w(start=0))", b"w(start=0), peak=1)"
@@ -116,7 +118,7 @@ def test_modelica_without_a_value_is_refused_and_kept(tmp_path):
     damaged = MO.replace(b"tau_pos=[0, 1; 2, 3]", b"tau_pos=)0, 1; 2, 3]")
     path.write_bytes(damaged)
     with pytest.raises(ValueError, match="'elbow': tau_pos has no value"):
-        dfc.to_modelica({"elbow": PLAIN}, path, velocities=[-1.0, 1.0])
+        dfc.simulators.to_modelica({"elbow": PLAIN}, path, velocities=[-1.0, 1.0])
     assert path.read_bytes() == damaged
 
 
@@ -124,7 +126,7 @@ def test_modelica_states_a_stribeck_peak(tmp_path):
     path = tmp_path / "Arm.mo"
     path.write_bytes(MO)
     axis = PEAK.replace(coulomb=1.2)
-    found = dfc.to_modelica({"elbow": axis}, path)
+    found = dfc.simulators.to_modelica({"elbow": axis}, path)
     rows = np.array(found.values["elbow"]["table"])
     at = rows[rows[:, 0] > 0.0]
     friction = friction_over_velocity(axis, at[:, 0], 0.0)
@@ -135,7 +137,7 @@ def test_modelica_states_a_stribeck_peak(tmp_path):
 def test_simscape_curve_is_that_of_the_axis(tmp_path):
     """The blocks' own equation, written out, at the numbers of the script."""
     axis = PEAK.replace(coulomb=1.2, name="arm/Elbow's friction")
-    found = dfc.to_simscape(axis, tmp_path / "f.m")
+    found = dfc.simulators.to_simscape(axis, tmp_path / "f.m")
     text = (tmp_path / "f.m").read_text()
     assert text.count("set_param('arm/Elbow''s friction', ") == 4
     p = {n: float(v) for n, v in re.findall(r"'(\w+)', '([-\d.e]+)'", text)}
@@ -153,7 +155,7 @@ def test_simscape_curve_is_that_of_the_axis(tmp_path):
 
 
 def test_isaac_states_the_breakaway(tmp_path):
-    found = dfc.to_isaac({"elbow": PEAK}, tmp_path / "f.py", load=0.05)
+    found = dfc.simulators.to_isaac({"elbow": PEAK}, tmp_path / "f.py", load=0.05)
     space = {}
     exec((tmp_path / "f.py").read_text(), space)
     values = {name: one["elbow"] for name, one in space["JOINT_FRICTION"].items()}
@@ -199,7 +201,7 @@ def test_a_modelica_table_of_few_velocities_is_the_curve(tmp_path):
     """A knot between the samples would be free, and its friction zero."""
     path, speeds = tmp_path / "Arm.mo", np.array([0.1, 0.5, 1.0])
     path.write_bytes(MO)
-    dfc.to_modelica(PLAIN, path, velocities=np.r_[speeds, -speeds])
+    dfc.simulators.to_modelica(PLAIN, path, velocities=np.r_[speeds, -speeds])
     (table,) = re.findall(rb"tau_pos=\[([\d., ;e-]*)\],\s*w\(start", path.read_bytes())
     rows = [[float(cell) for cell in row.split(b",")] for row in table.split(b";")]
     expected = [[0.0, 1.2], *([w, 1.2 + 0.3 * w] for w in speeds)]

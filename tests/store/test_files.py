@@ -170,7 +170,7 @@ def test_a_changed_design_is_refused(tmp_path, place, value, words):
     set_in(data, place, value)
     path.write_text(json.dumps(data))
     with pytest.raises(ValueError, match=words) as caught:
-        dfc.load_design(path)
+        dfc.ObserverDesign.load(path)
     assert "observer.json" in str(caught.value)
 
 
@@ -246,7 +246,7 @@ def test_nothing_in_a_file_is_executed(tmp_path, monkeypatch, name):
     path = tmp_path / name
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     read = {"toml": dfc.read_axis, "csv": dfc.read_record, "mat": dfc.read_record}.get(
-        path.suffix[1:], dfc.read_bam if name == "log.json" else dfc.load_design
+        path.suffix[1:], dfc.read_bam if name == "log.json" else dfc.ObserverDesign.load
     )
 
     def attempt() -> None:

@@ -29,7 +29,7 @@ def fit():
 
 @pytest.fixture(scope="module")
 def diagnosis():
-    cause = dfc.Cause(
+    cause = dfc.diagnosis.Cause(
         "spring", "spring", {"stiffness": 40.0}, {"stiffness": np.inf}, {"stiffness": "N/m"}, 1.0,
         (0.5, 1.5), ("gravity",), "e", "x",
     )  # fmt: skip
@@ -47,7 +47,7 @@ def diagnosis():
 
 def test_a_fit_comes_back_as_it_was(fit, tmp_path):
     fit.save(tmp_path / "fit.json")
-    again = dfc.load_fit(tmp_path / "fit.json")
+    again = dfc.Fit.load(tmp_path / "fit.json")
     assert again.axis == fit.axis and again.axis.name == fit.axis.name
     assert again.parameters == fit.parameters and again.interval() == fit.interval()
     assert again.summary() == fit.summary()
@@ -60,7 +60,7 @@ def test_a_fit_comes_back_as_it_was(fit, tmp_path):
 
 def test_a_diagnosis_comes_back_as_it_was(diagnosis, tmp_path):
     diagnosis.save(tmp_path / "d.json")
-    again = dfc.load_diagnosis(tmp_path / "d.json")
+    again = dfc.Diagnosis.load(tmp_path / "d.json")
     assert again.summary() == diagnosis.summary() and again.to_dict() == diagnosis.to_dict()
     assert again.record == RECORD and again.scores == diagnosis.scores
     np.testing.assert_array_equal(again.roles, diagnosis.roles)
@@ -71,9 +71,9 @@ def test_what_was_changed_or_is_something_else_is_refused(fit, diagnosis, tmp_pa
     fit.save(tmp_path / "fit.json")
     diagnosis.save(tmp_path / "d.json")
     with pytest.raises(ValueError, match="is no diagnosis"):
-        dfc.load_diagnosis(tmp_path / "fit.json")
+        dfc.Diagnosis.load(tmp_path / "fit.json")
     with pytest.raises(FileNotFoundError, match="Did you mean 'fit.json'"):
-        dfc.load_fit(tmp_path / "fti.json")
+        dfc.Fit.load(tmp_path / "fti.json")
     text = (tmp_path / "fit.json").read_text()
     for changed in (
         text.replace('"mass": 2.0', '"mass": 3.0'),
@@ -83,7 +83,7 @@ def test_what_was_changed_or_is_something_else_is_refused(fit, diagnosis, tmp_pa
         (tmp_path / "fit.json").write_text(changed)
         if changed != text:
             with pytest.raises(ValueError, match=r"fit\.json (was changed|is damaged)"):
-                dfc.load_fit(tmp_path / "fit.json")
+                dfc.Fit.load(tmp_path / "fit.json")
 
 
 def test_a_sealed_file_that_makes_no_sense_is_refused(tmp_path):
@@ -92,12 +92,12 @@ def test_a_sealed_file_that_makes_no_sense_is_refused(tmp_path):
                                                           "values": [None]}):  # fmt: skip
         write_document(tmp_path / "fit.json", "fit", {"content": content})
         with pytest.raises(ValueError, match="is damaged"):
-            dfc.load_fit(tmp_path / "fit.json")
+            dfc.Fit.load(tmp_path / "fit.json")
 
 
 def test_what_the_file_cannot_hold_is_named(tmp_path):
     with pytest.raises(ValueError, match="a complex cannot be saved"):
-        save_object((1j,), tmp_path / "a.json", "thing", (dfc.Cause,))
+        save_object((1j,), tmp_path / "a.json", "thing", (dfc.diagnosis.Cause,))
     assert not (tmp_path / "a.json").exists()
     save_object(Gain(1.0, np.inf, np.nan, (0.0, -0.0), "m"), tmp_path / "g.json", "thing", (Gain,))
     again = load_object(tmp_path / "g.json", "thing", (Gain,))

@@ -29,13 +29,13 @@ from dryfric_control.diagnosis.report.wording import level_table, summary_lines
 from dryfric_control.records.record import Record
 from dryfric_control.store.axis_file import axis_text, axis_to_dict
 from dryfric_control.store.files import replacing
-from dryfric_control.store.saved import load_object, save_object
+from dryfric_control.store.saved import Saved
 from dryfric_control.text import Result, documented, plain_data
 
 
 @documented
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(Result, Findings):
+class Diagnosis(Saved, Result, Findings):
     """What is wrong in a simulation, why, what a correction gains.
 
     Made by `diagnose`.
@@ -57,6 +57,9 @@ class Diagnosis(Result, Findings):
     >>> d.extended.effects[0].slug
     'input_gain'
     """
+
+    _kind = "diagnosis"
+    _holds = (Cause, Gain, Unexplained, Remaining, Experiment, Record)
 
     def _shown(self) -> list[str]:
         return summary_lines(self)
@@ -98,18 +101,6 @@ class Diagnosis(Result, Findings):
             with replacing(path) as part:
                 part.write_text(text, encoding="utf-8")
         return text
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the diagnosis with its record to a JSON file.
-
-        `load_diagnosis` reads it.
-
-        Parameters
-        ----------
-        path : path-like
-            File to write, replaced as a whole or not at all.
-        """
-        save_object(self, path, "diagnosis", SAVED)
 
     def plot(self, ax: Any = None) -> ct.ControlPlot:
         """Draw the report on one page.
@@ -175,45 +166,3 @@ def write_report(
             part.write_bytes(content)
     d.save(target / "saved.json")
     return *(target / name for name in contents), target / "saved.json"
-
-
-#: Classes that a saved diagnosis holds.
-SAVED = (Diagnosis, Cause, Gain, Unexplained, Remaining, Experiment, Record)
-
-
-def load_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:
-    """Read a diagnosis back as it was.
-
-    Parameters
-    ----------
-    path : path-like
-        File written by `Diagnosis.save`.
-
-    Returns
-    -------
-    Diagnosis
-
-    Raises
-    ------
-    ValueError
-        If the file is no diagnosis, of another version, or was changed.
-    OSError
-        If the file cannot be read.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> import numpy as np
-    >>> import dryfric_control as dfc
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> t = 1e-3 * np.arange(6000)
-    >>> u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
-    >>> found = dfc.diagnose(axis, dfc.Record(t, u, axis.simulate(u, dt=1e-3).y[0]))
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     found.save(pathlib.Path(folder, "diagnosis.json"))
-    ...     again = dfc.load_diagnosis(pathlib.Path(folder, "diagnosis.json"))
-    >>> again.verdict, again.summary() == found.summary()
-    ('nothing to find', True)
-    """
-    found: Diagnosis = load_object(path, "diagnosis", SAVED)
-    return found

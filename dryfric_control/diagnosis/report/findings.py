@@ -49,7 +49,7 @@ class Cause(Result):
     Examples
     --------
     >>> import dryfric_control as dfc
-    >>> cause = dfc.Cause(
+    >>> cause = dfc.diagnosis.Cause(
     ...     effect="bias_force", title="bias force", parameters={"force": 2.0},
     ...     standard_errors={"force": 0.1}, units={"force": "N"}, held_out_gain=1.5,
     ...     interval=(1.2, 1.8), alternatives=("spring",),

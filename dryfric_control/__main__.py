@@ -18,19 +18,22 @@ import matplotlib
 from dryfric_control import demo, simulators
 from dryfric_control._version import __version__
 from dryfric_control.checks import positive
-from dryfric_control.diagnosis import diagnose, diagnose_joints
+from dryfric_control.compensation import Compensation
+from dryfric_control.diagnosis import Diagnosis, diagnose, diagnose_joints
 from dryfric_control.diagnosis.report.diagnosis import write_report
 from dryfric_control.estimation.parameters import checked_knowledge
 from dryfric_control.export.c_code import export_c
 from dryfric_control.export.fmu import export_fmu
-from dryfric_control.export.objects import exported, read_exportable
+from dryfric_control.export.objects import exported
+from dryfric_control.identification import Fit
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.observer import ObserverDesign
 from dryfric_control.records import Record, Scaling, read_record
 from dryfric_control.records.scaling import read_sampling
-from dryfric_control.simulators.files import read_result
 from dryfric_control.simulators.mujoco_file import axes_of
 from dryfric_control.store.axis_file import read_axes, read_axis, read_knowledge
 from dryfric_control.store.files import existing_folder, output_folder, write_file
+from dryfric_control.store.saved import load_any
 from dryfric_control.text import did_you_mean
 from dryfric_control.units import check_units
 
@@ -177,27 +180,23 @@ def _pairs(text: str) -> dict[str, str | None]:
     return pairs
 
 
-def _numbers(right: str, alone: str = "") -> Callable[[str], dict[str, float]]:
-    """Reader of numbers by name, one alone being that of `alone`; `right` is said in errors."""
+def _numbers(right: str, alone: Callable[[float], Any] | None = None) -> Callable[[str], Any]:
+    """Reader of numbers by name, or of one alone for `alone`; `right` is said in errors."""
 
-    def read(text: str) -> dict[str, float]:
-        pairs = f"{alone}={text}" if alone and "=" not in text else text
+    def read(text: str) -> Any:
         try:
-            return {name: float(value or "none") for name, value in _pairs(pairs).items()}
+            if alone and "=" not in text:
+                return alone(float(text))
+            return {name: float(value or "none") for name, value in _pairs(text).items()}
         except (ValueError, argparse.ArgumentTypeError):
             raise argparse.ArgumentTypeError(f"{text!r} must be {right}") from None
 
     return read
 
 
-_gains = _numbers("a number or such as u=35,x=1e-6", "u")
+_gains = _numbers("a number or such as u=35,x=1e-6", lambda factor: {"u": factor})
 _tolerances = _numbers("such as viscous=0.5,mass=0.1")
-_inertias = _numbers("a number or such as elbow=0.1,wrist=0.02", "all")
-
-
-def _loads(text: str) -> float | dict[str, float]:
-    """An inertia, or inertias by joint."""
-    return _inertias(text) if "=" in text else _inertias(text)["all"]
+_loads = _numbers("a number or such as elbow=0.1,wrist=0.02", float)
 
 
 def _machine_options() -> Iterator[tuple[Any, ...]]:
@@ -374,7 +373,11 @@ def _export(chosen: Namespace) -> None:
     for option, to in (("precision", "c"), ("version", "fmu")):
         if chosen.to != to and option in given:
             raise ValueError(f"--{option} {given[option]} is for --to {to}: leave it out")
-    obj = read_exportable(chosen.file)
+    mend = (
+        "can not be exported: give an axis (TOML), or what `save` wrote of an observer design or "
+        "a compensation (JSON)"
+    )
+    obj = load_any(chosen.file, (ObserverDesign, Compensation), mend)
     if chosen.to == "c":
         files = export_c(obj, chosen.out, **given)
     else:
@@ -397,7 +400,11 @@ def _simulator(chosen: Namespace) -> None:
     named = [one.rpartition("=")[::2] for one in chosen.result]
     if len(named) > 1 and not all(joint for joint, _ in named):
         raise ValueError("several results: give each by its joint, such as elbow=fit.json")
-    results = {joint: read_result(file) for joint, file in named}
+    mend = (
+        "is no result: give an axis (TOML), or what `save` wrote of a fit or a diagnosis (JSON; "
+        "saved.json of the command diagnose)"
+    )
+    results = {joint: load_any(file, (Fit, Diagnosis), mend) for joint, file in named}
     if len(results) < len(named):
         raise ValueError("two results have one joint: give each joint once")
     result = results if all(results) else results[""]

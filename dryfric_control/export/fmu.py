@@ -14,7 +14,7 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +23,9 @@ import numpy as np
 from dryfric_control._version import __version__
 from dryfric_control.compiled import axis_step
 from dryfric_control.export.c_code import Code, source_text
-from dryfric_control.export.objects import Exported, exported
+from dryfric_control.export.objects import Exported, Signal, exported
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.store.files import file_path, named, write_file
-from dryfric_control.text import rotary_words
 from dryfric_control.units import powers
 
 VERSIONS = ("3.0", "2.0")
@@ -45,24 +44,6 @@ _PEAK = (("excess", "1", "height", 0.0), ("speed", "m/s", "width", _LEAST))
 
 #: A number of an axis, and what a parameter makes it: `factor * value`, or `factor / value` if so.
 _Place = tuple[int, float, bool]
-
-
-@dataclass(frozen=True)
-class Variable:
-    """A variable of the model description."""
-
-    name: str
-    unit: str
-    meaning: str
-    causality: str  # "input", "output", "parameter"
-    start: float | None = None
-    low: float = -math.inf
-    high: float = math.inf
-    whole: bool = False
-    fixed: bool = False  # set before the start alone
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "meaning", rotary_words(self.meaning, self.unit))
 
 
 def export_fmu(
@@ -128,7 +109,7 @@ def export_fmu(
     return target
 
 
-def settings(axis: FrictionAxis, dt: float) -> list[tuple[Variable, list[_Place]]]:
+def settings(axis: FrictionAxis, dt: float) -> list[tuple[Signal, list[_Place]]]:
     """Parameters that set numbers of an axis in proportion, found by changing each, and those."""
     base = axis.arrays(dt).numbers
     # The code is written for these; of several shortest lengths each sets the least.
@@ -168,20 +149,22 @@ def _exact(factor: float) -> float:
     return 1.0 if math.isclose(factor, 1.0, rel_tol=1e-12) else factor
 
 
-def _parameters(axis: FrictionAxis) -> Iterator[tuple[Variable, Any]]:
+def _parameters(axis: FrictionAxis) -> Iterator[tuple[Signal, Any]]:
     """Every parameter of an axis, and the axis as a function of its value."""
 
-    def own(name: str, unit: str, meaning: str, value: float, low: float) -> Variable:
-        return Variable(name, axis.unit(unit), meaning, "parameter", value, low)
+    def own(
+        name: str, unit: str, meaning: str, value: float, low: float, high: float = math.inf
+    ) -> Signal:
+        return Signal(name, unit, meaning, causality="parameter", start=value, low=low, high=high)
 
     for name, unit, meaning, least in _BASE:
         yield (
-            own(name, unit, meaning, getattr(axis, name), least),
+            own(name, axis.unit(unit), meaning, getattr(axis, name), least),
             lambda v, name=name: axis.replace(**{name: v}),
         )
     for side in ("plus", "minus"):
         for i, c in enumerate(levels := getattr(axis.coulomb, side)):
-            unit, least = (f"N/m^{i}", -math.inf) if i else ("N", 0.0)
+            unit, least = axis.unit(f"N/m^{i}" if i else "N"), -math.inf if i else 0.0
             others = levels[:i], levels[i + 1 :]
             yield (
                 own(f"coulomb_{side}_{i}", unit, f"Coulomb level, coefficient of x^{i}", c, least),
@@ -193,15 +176,15 @@ def _parameters(axis: FrictionAxis) -> Iterator[tuple[Variable, Any]]:
         for name, unit, what, least in _PEAK:
             words = f"{what} of the Stribeck peak"
             yield (
-                own(f"stribeck_{name}", unit, words, getattr(peak, name), least),
+                own(f"stribeck_{name}", axis.unit(unit), words, getattr(peak, name), least),
                 lambda v, name=name: axis.replace(stribeck=replace(peak, **{name: v})),
             )
     for slug, effect in axis.named_effects().items():
         units = type(effect).units(axis.units)
         for item in fields(effect) if effect in axis.effects else ():
-            more = "parameter", getattr(effect, item.name), *item.metadata["bounds"]
+            more = item.metadata["doc"], getattr(effect, item.name), *item.metadata["bounds"]
             yield (
-                Variable(f"{slug}_{item.name}", units[item.name], item.metadata["doc"], *more),
+                own(f"{slug}_{item.name}", units[item.name], *more),
                 lambda v, e=effect, n=item.name: axis.replace(
                     effects=[replace(o, **{n: v}) if o is e else o for o in axis.effects]
                 ),
@@ -221,24 +204,18 @@ class Model:
         self.token = hashlib.sha256(text.encode("utf-8")).hexdigest()[:32]
         self.model = self.model.replace("@TOKEN@", self.token)
 
-    def _variables(self) -> list[Variable]:
+    def _variables(self) -> list[Signal]:
         """Variables in the order of their references, which count from 1."""
         made = self.made
-        rows = [Variable(s.name, s.unit, s.meaning, "input", 0.0) for s in made.inputs]
-        rows += [
-            Variable(
-                f"u_{s.name}" if s.name in {i.name for i in made.inputs} else s.name,
-                s.unit, s.meaning, "output", whole=s.whole,
-            )
-            for s in made.outputs
-        ]  # fmt: skip
+        rows = [replace(s, causality="input", start=0.0) for s in made.inputs]
+        names = {s.name: f"u_{s.name}" for s in made.inputs}
+        for s in made.outputs:
+            rows.append(replace(s, causality="output", name=names.get(s.name, s.name)))
         if made.moves:
             words = "switches located in the last step"
-            rows.append(Variable("switches", "1", words, "output", whole=True))
-        rows += [
-            Variable(s.name, s.unit, s.meaning, "parameter", 0.0, fixed=True)
-            for s, _ in made.starts
-        ]
+            rows.append(Signal("switches", "1", words, whole=True, causality="output"))
+        for s, _ in made.starts:
+            rows.append(replace(s, causality="parameter", start=0.0, fixed=True))
         return rows + [variable for variable, _ in self.settings]
 
     def _model(self) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +22,6 @@ from dryfric_control.model.effects.effect import Effect, law_address
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.hybrid_filter import HybridFilter
 from dryfric_control.observer.runtime import first_memory, tables
-from dryfric_control.store.saved import load_any
 from dryfric_control.text import rotary_words
 
 Array = NDArray[Any]
@@ -38,13 +36,19 @@ _TAKEN = c.KEYWORDS | {"main", "real"}
 
 @dataclass(frozen=True)
 class Signal:
-    """An input, an output or a number to start from."""
+    """An input, an output or a number that is set."""
 
     name: str
     unit: str
     meaning: str
     whole: bool = False
     place: bool = False  # a position
+    # As a variable of an FMU.
+    causality: str = ""  # "input", "output", "parameter"
+    start: float | None = None
+    low: float = -math.inf
+    high: float = math.inf
+    fixed: bool = False  # set before the start alone
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "meaning", rotary_words(self.meaning, self.unit))
@@ -178,16 +182,6 @@ def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Expo
     free = re.sub(r"[^A-Za-z0-9_]+", "_", known.name + tail) if name is None else name
     own = _identifier(free, name is None)
     return Exported(own, kind, known, step, returns, entry, **parts(obj, step))
-
-
-def read_exportable(path: str | os.PathLike[str]) -> Any:
-    """Read a saved axis, observer design or compensation, whichever the file holds."""
-    return load_any(
-        path,
-        (ObserverDesign, Compensation),
-        "can not be exported: give an axis (TOML), or what `save` wrote of an observer design or "
-        "a compensation (JSON)",
-    )
 
 
 def _identifier(name: Any, of_axis: bool) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -10,11 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.parsers import expat
 
-from dryfric_control.diagnosis import Diagnosis
-from dryfric_control.identification import Fit
 from dryfric_control.simulators.joint_values import SimulatorValues
 from dryfric_control.store.files import existing_file, file_path, write_file
-from dryfric_control.store.saved import load_any
 
 # An attribute in a start tag, and the end of the tag; quoted values may contain ">".
 _ATTRIBUTE = rb"""\s+(%s)\s*=\s*("[^"]*"|'[^']*')"""
@@ -51,16 +47,6 @@ def applied(raw: bytes, edits: Iterable[Edit]) -> bytes:
 def number(value: float) -> str:
     """A number with six digits, as every format reads it."""
     return f"{value:.6g}"
-
-
-def read_result(path: str | os.PathLike[str]) -> Any:
-    """A fit, a diagnosis or an axis, whichever a file holds."""
-    return load_any(
-        path,
-        (Fit, Diagnosis),
-        "is no result: give an axis (TOML), or what `save` wrote of a fit or a diagnosis (JSON; "
-        "saved.json of the command diagnose)",
-    )
 
 
 class Element(NamedTuple):

@@ -29,41 +29,6 @@ _SENSELESS = (
 )  # fmt: skip
 
 
-def save_object(
-    value: Any, path: str | os.PathLike[str], kind: str, classes: Sequence[type]
-) -> None:
-    """Write a result and everything it holds; `classes` may stand in the file, as may an axis."""
-    file_path("path", path)  # before a large result is converted
-    write_document(path, kind, {"content": to_plain(value, classes)})
-
-
-def load_object(
-    path: str | os.PathLike[str],
-    kind: str,
-    classes: Sequence[type],
-    check: Callable[[Any], Any] = lambda found: found,
-    broken: type[ValueError] | None = None,
-) -> Any:
-    """Read an object as `check` returns it; `broken`: its promise not kept."""
-    data, intact = read_document(path, kind)
-    try:
-        # Numbers beyond all reason overflow somewhere; sound ones do nowhere.
-        with np.errstate(over="raise", divide="raise", invalid="raise"):
-            found = check(from_plain(data["content"], classes))
-    except _SENSELESS as error:
-        if broken is not None and isinstance(error, broken):
-            raise broken(f"{path} was changed: {error}") from None
-        raise ValueError(
-            f"{path} is damaged: {type(error).__name__}: {error}; save the {kind} again"
-        ) from None
-    if not intact:
-        raise ValueError(
-            f"{path} was changed after it was written: its checksum does not fit. Make and save "
-            "it again in place of editing the file"
-        )
-    return found
-
-
 class Saved:
     """Something that a file keeps: as it was, or not at all."""
 
@@ -79,7 +44,9 @@ class Saved:
         path : path-like
             File to write, replaced as a whole or not at all.
         """
-        save_object(self._kept(), path, self._kind, (type(self), *self._holds))
+        file_path("path", path)  # before a large result is converted
+        content = to_plain(self._kept(), (type(self), *self._holds))
+        write_document(path, self._kind, {"content": content})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -105,7 +72,22 @@ class Saved:
         ...     dfc.Record.load(pathlib.Path(folder, "run.json")) == record
         True
         """
-        found: Self = load_object(path, cls._kind, (cls, *cls._holds), cls._opened, cls._broken)
+        data, intact = read_document(path, cls._kind)
+        try:
+            # Numbers beyond all reason overflow somewhere; sound ones do nowhere.
+            with np.errstate(over="raise", divide="raise", invalid="raise"):
+                found = cls._opened(from_plain(data["content"], (cls, *cls._holds)))
+        except _SENSELESS as error:
+            if cls._broken is not None and isinstance(error, cls._broken):
+                raise cls._broken(f"{path} was changed: {error}") from None
+            raise ValueError(
+                f"{path} is damaged: {type(error).__name__}: {error}; save the {cls._kind} again"
+            ) from None
+        if not intact:
+            raise ValueError(
+                f"{path} was changed after it was written: its checksum does not fit. Make and "
+                "save it again in place of editing the file"
+            )
         return found
 
     def _kept(self) -> Any:
@@ -149,22 +131,17 @@ def read_document(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, An
     return data, intact
 
 
-def kind_of(path: str | os.PathLike[str]) -> str:
-    """What a file says that it is, empty if it was not written here."""
-    try:
-        return str(read_json(path)["format"]).removeprefix("dryfric-control ")
-    except (ValueError, TypeError, KeyError):
-        return ""
-
-
 def load_any(path: str | os.PathLike[str], classes: Sequence[type[Saved]], mend: str) -> Any:
     """An axis (TOML), or an object that one of some classes saved."""
     source = existing_file(path)
     if source.suffix == ".toml":
         return read_axis(source)
-    kind = kind_of(source)
+    try:
+        found = read_json(source)["format"]
+    except (ValueError, TypeError, KeyError):
+        found = None
     for cls in classes:
-        if cls._kind == kind:
+        if found == f"dryfric-control {cls._kind}":
             return cls.load(source)
     raise ValueError(f"{source} {mend}")
 

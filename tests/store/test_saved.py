@@ -1,6 +1,8 @@
 """Fits and diagnoses, saved and read back as they were."""
 
+import dataclasses
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import pytest
 import dryfric_control as dfc
 from dryfric_control.diagnosis import Experiment
 from dryfric_control.diagnosis.report.findings import Gain, Unexplained
-from dryfric_control.store.saved import load_object, save_object, write_document
+from dryfric_control.store.saved import Saved, write_document
 
 T = 1e-3 * np.arange(3000)
 U = 20.0 * np.sin(6.0 * T) + 10.0 * np.sin(17.0 * T)
@@ -95,11 +97,20 @@ def test_a_sealed_file_that_makes_no_sense_is_refused(tmp_path):
             dfc.Fit.load(tmp_path / "fit.json")
 
 
+@dataclasses.dataclass(frozen=True)
+class Thing(Saved):
+    """Anything that a file may hold."""
+
+    value: Any
+    _kind = "thing"
+    _holds = (Gain,)
+
+
 def test_what_the_file_cannot_hold_is_named(tmp_path):
     with pytest.raises(ValueError, match="a complex cannot be saved"):
-        save_object((1j,), tmp_path / "a.json", "thing", (dfc.diagnosis.Cause,))
+        Thing((1j,)).save(tmp_path / "a.json")
     assert not (tmp_path / "a.json").exists()
-    save_object(Gain(1.0, np.inf, np.nan, (0.0, -0.0), "m"), tmp_path / "g.json", "thing", (Gain,))
-    again = load_object(tmp_path / "g.json", "thing", (Gain,))
-    assert repr(again) == repr(Gain(1.0, np.inf, np.nan, (0.0, -0.0), "m"))
+    Thing(Gain(1.0, np.inf, np.nan, (0.0, -0.0), "m")).save(tmp_path / "g.json")
+    again = Thing.load(tmp_path / "g.json")
+    assert repr(again.value) == repr(Gain(1.0, np.inf, np.nan, (0.0, -0.0), "m"))
     assert json.loads((tmp_path / "g.json").read_text())["format"] == "dryfric-control thing"

@@ -28,7 +28,7 @@ from dryfric_control.diagnosis.report.page import html_page, html_summary
 from dryfric_control.diagnosis.report.wording import level_table, summary_lines
 from dryfric_control.records.record import Record
 from dryfric_control.store.axis_file import axis_text, axis_to_dict
-from dryfric_control.store.files import replacing
+from dryfric_control.store.files import write_file
 from dryfric_control.store.saved import Saved
 from dryfric_control.text import Result, documented, plain_data
 
@@ -98,8 +98,7 @@ class Diagnosis(Saved, Result, Findings):
         """
         text = json.dumps(self.to_dict(), indent=2)
         if path is not None:
-            with replacing(path) as part:
-                part.write_text(text, encoding="utf-8")
+            write_file(path, text)
         return text
 
     def plot(self, ax: Any = None) -> ct.ControlPlot:
@@ -132,8 +131,7 @@ class Diagnosis(Saved, Result, Findings):
         path : path-like
             File to write, replaced as a whole or not at all.
         """
-        with replacing(path) as part:
-            part.write_text(html_page(self), encoding="utf-8")
+        write_file(path, html_page(self))
 
     def _repr_html_(self) -> str:
         return html_summary(self)
@@ -153,16 +151,15 @@ def write_report(
         drawn.savefig(buffer, format="png", dpi=130)
     finally:
         plt.close(drawn)
-    contents = {
-        "report.html": html_page(d).encode("utf-8"),
+    contents: dict[str, str | bytes] = {
+        "report.html": html_page(d),
         "report.png": buffer.getvalue(),
-        "diagnosis.json": (d.to_json() + "\n").encode("utf-8"),
-        "extended.toml": axis_text(d.extended, record).encode("utf-8"),
+        "diagnosis.json": d.to_json() + "\n",
+        "extended.toml": axis_text(d.extended, record),
     }
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
-        with replacing(target / name) as part:
-            part.write_bytes(content)
+        write_file(target / name, content)
     d.save(target / "saved.json")
     return *(target / name for name in contents), target / "saved.json"

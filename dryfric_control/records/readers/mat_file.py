@@ -28,7 +28,7 @@ _ROOM, _RATIO = 2**26, 100
 _DEPTH = 8
 
 
-def read_mat(path: Path) -> dict[str, Any]:
+def read_mat(path: Path, _: Any = None) -> dict[str, Any]:
     """Numeric variables of a MAT-file of version 4 to 7, structs flattened."""
     content = path.read_bytes()
     if content.startswith((b"\x89HDF", b"MATLAB 7.3")):

@@ -222,11 +222,9 @@ def _plain(series: Any) -> Any:
 
 
 _TABLES: dict[str, Callable[[Path, Wanted], dict[str, Any]]] = {
-    **dict.fromkeys((".npz", ".npy"), lambda path, wanted: read_numpy(path, wanted.max_rows)),
-    **dict.fromkeys((".jsonl", ".ndjson"), lambda path, w: read_json_lines(path, w.max_rows)),
-    ".mat": lambda path, _: read_mat(path),
-    **dict.fromkeys(
-        (".xlsx", ".parquet"), lambda path, wanted: frame_columns(read_frame(path, wanted.max_rows))
-    ),
+    **dict.fromkeys((".npz", ".npy"), read_numpy),
+    **dict.fromkeys((".jsonl", ".ndjson"), read_json_lines),
+    **dict.fromkeys((".xlsx", ".parquet"), lambda path, w: frame_columns(read_frame(path, w))),
+    ".mat": read_mat,
     ".mcap": read_mcap,
 }

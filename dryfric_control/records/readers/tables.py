@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dryfric_control.records.readers.channels import Wanted
 from dryfric_control.records.readers.limits import check_room, refused_if_damaged, too_long
 from dryfric_control.records.record_warning import warn
 
@@ -16,7 +17,7 @@ _LONGEST = 64  # numbers taken of an array in a message, such as the joints of a
 _DEEPEST = 8
 
 
-def read_numpy(path: Path, max_rows: int) -> dict[str, Any]:
+def read_numpy(path: Path, wanted: Wanted) -> dict[str, Any]:
     """Arrays of a .npz file by name, fields or numbered columns of a .npy file."""
     alone = path.suffix.lower() == ".npy"
     if not alone:
@@ -27,8 +28,8 @@ def read_numpy(path: Path, max_rows: int) -> dict[str, Any]:
         found = {path.stem: loaded} if alone else dict(loaded.items())
     table: dict[str, Any] = {}
     for name, array in found.items():
-        if array.ndim and array.shape[0] > max_rows:
-            raise ValueError(too_long(path.name, max_rows))
+        if array.ndim and array.shape[0] > wanted.max_rows:
+            raise ValueError(too_long(path.name, wanted.max_rows))
         if array.dtype.names:
             table |= {field: np.array(array[field]).ravel() for field in array.dtype.names}
         elif array.ndim == 2 and min(array.shape) > 1:
@@ -40,7 +41,7 @@ def read_numpy(path: Path, max_rows: int) -> dict[str, Any]:
     return table
 
 
-def read_json_lines(path: Path, max_rows: int) -> dict[str, Any]:
+def read_json_lines(path: Path, wanted: Wanted) -> dict[str, Any]:
     """One object a line: numbers by the path that leads to each, nan where one is not there."""
     found: dict[str, list[float]] = {}
     rows = 0
@@ -62,8 +63,8 @@ def read_json_lines(path: Path, max_rows: int) -> dict[str, Any]:
             column.extend([np.nan] * (rows - len(column)))
             column.append(value)
         rows += 1
-        if rows > max_rows:
-            raise ValueError(too_long(path.name, max_rows))
+        if rows > wanted.max_rows:
+            raise ValueError(too_long(path.name, wanted.max_rows))
     return {key: np.array(one + [np.nan] * (rows - len(one))) for key, one in found.items()}
 
 
@@ -91,7 +92,7 @@ def numbers(prefix: str, content: Any, depth: int) -> Iterator[tuple[str, float]
             yield from numbers(path, value, depth + 1)
 
 
-def read_frame(path: Path, max_rows: int) -> Any:
+def read_frame(path: Path, wanted: Wanted) -> Any:
     """Data frame of the first sheet of a spreadsheet, or of a Parquet file, errors as one."""
     sheet = path.suffix.lower() == ".xlsx"
     engine = "openpyxl" if sheet else "pyarrow"
@@ -106,11 +107,11 @@ def read_frame(path: Path, max_rows: int) -> Any:
             from pyarrow.parquet import read_metadata
 
             # Equal values take no room in a file, but do in memory.
-            if read_metadata(path).num_rows <= max_rows:
+            if read_metadata(path).num_rows <= wanted.max_rows:
                 return pandas.read_parquet(path, engine=engine)
     except ImportError:
         raise ImportError(
             f"{path.name}: reading {path.suffix} needs pandas and {engine}: "
             f"pip install pandas {engine}"
         ) from None
-    raise ValueError(too_long(path.name, max_rows))
+    raise ValueError(too_long(path.name, wanted.max_rows))

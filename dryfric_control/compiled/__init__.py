@@ -13,11 +13,8 @@ def _probe(value: float) -> float:
 
 
 def _keep_compiled_code() -> None:
-    """Use a temporary folder for compiled code if neither cache folder is writable.
-
-    Without one (of the package or the user) numba refuses to compile for its cache, and the
-    package could not be imported.
-    """
+    """Use a temporary folder for compiled code if neither cache folder is writable."""
+    # Without one numba refuses to compile for its cache, and the package could not be imported.
     try:
         numba.njit(cache=True)(_probe)
     except RuntimeError:

@@ -19,10 +19,7 @@ _SMALLEST = 1e-200
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def cost_of(out, active, start, end):
-    """`cost` of samples start to end - 1, half the log of the product of S (1 + e^2/(nu S))^5.
-
-    A logarithm is taken only when the product would leave the range of numbers.
-    """
+    """`cost` of samples start to end - 1, half the log of the product of S (1 + e^2/(nu S))^5."""
     total, product = 0.0, 1.0
     for k in range(start, end):
         s = out[1, k]
@@ -41,10 +38,7 @@ def cost_of(out, active, start, end):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def cost(out, active):
-    """Negative log-likelihood of the active samples, up to a constant.
-
-    Sum of log(S)/2 + (nu + 1)/2 log(1 + e^2/(nu S)).
-    """
+    """Negative log-likelihood of active samples: log(S)/2 + (nu + 1)/2 log(1 + e^2/(nu S)) each."""
     return cost_of(out, active, FIRST + 1, out.shape[1])
 
 

@@ -186,10 +186,8 @@ class FrictionAxis:
         if not isinstance(self.switching, str) or self.switching not in SWITCHING:
             raise ValueError(f'switching must be "filippov" or "paper", got {self.switching!r}')
         given = self.effects
-        effects = (given,) if isinstance(given, (Effect, str)) else given
-        if not isinstance(effects, Iterable):
-            effects = (effects,)
-        put("effects", tuple(effects))
+        alone = isinstance(given, (Effect, str)) or not isinstance(given, Iterable)
+        put("effects", (given,) if alone else tuple(given))
         for effect in self.effects:
             if not isinstance(effect, Effect):
                 raise ValueError(
@@ -229,14 +227,7 @@ class FrictionAxis:
     def named_effects(self) -> dict[str, Effect]:
         """Effects, and the own peak, by the names that a fit uses.
 
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
-        ...                         effects=(dfc.effects.Cogging(amplitude=1.0, period=0.01),
-        ...                                  dfc.effects.Cogging(amplitude=0.5, period=0.03)))
-        >>> list(axis.named_effects())
-        ['cogging', 'cogging_2']
+        A second one of a kind has a number, as in "cogging_2".
         """
         return named(self)
 
@@ -313,15 +304,6 @@ class FrictionAxis:
         SimulationResponse
             Outputs x, v, F, mode, each of shape (n,), and `events`.  F and mode at a sample are
             those that the new input u[k] brings about.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-        >>> resp = axis.simulate(12.0 * np.sin(np.arange(2000) * 3e-3), dt=1e-3)
-        >>> resp.output_labels
-        ['x', 'v', 'F', 'mode']
         """
         force = samples("u", u)
         dt = positive("dt", dt, unit="s")
@@ -375,15 +357,6 @@ class FrictionAxis:
             Input u; outputs x (as an encoder reads it), v, F; states x, v, and the lagged
             drive where there is a lag.  The block stays in its mode whatever happens.
             Presliding, backlash, compliance and a delay are refused.
-
-        Examples
-        --------
-        >>> import control as ct
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-        >>> linear = ct.linearize(axis.mode(+1), [0.0, 0.1], [9.5])
-        >>> round(float(linear.A[1, 1]), 6)     # -f/m
-        -7.5
         """
         check_mode("mode", index)
         axis = self.effective()
@@ -568,15 +541,6 @@ class FrictionAxis:
         -----
         Friction and viscous part of the model, and effects that depend on the velocity, such as a
         quadratic drag; no spring, gravity or load, and what depends on time at time zero.
-
-        Examples
-        --------
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
-        ...                         stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
-        >>> friction = axis.plot_friction().lines[0, 0][0].get_ydata()
-        >>> round(float(friction.max()), 1)     # breakaway (1 + 0.3) 8 N
-        10.4
         """
         fastest = usual_speed(self) if speed is None else positive("speed", speed, unit="m/s")
         places = (self.travel or (0.0, 0.0)) if span is None else span_of(span, "span")

@@ -30,10 +30,7 @@ def net_force(axis: Axis, t: Any, x: Any, v: Any, u: Any, way: Any) -> Floats:
 
 
 def friction_over_velocity(axis: Axis, v: ArrayLike, x: ArrayLike) -> Floats:
-    """Friction force of a sliding axis at velocities and positions.
-
-    With every effect that depends on the velocity; no load, at time zero, no time at rest.
-    """
+    """Friction of a sliding axis, and effects that depend on velocity; no load, at time zero."""
     axis = axis.effective()
     levels = [e for e in axis.effects if e.action == "friction"]
     forces = [e for e in axis.effects if e.action == "force" and e.depends_on_speed]

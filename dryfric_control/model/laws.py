@@ -1,8 +1,6 @@
-"""Friction laws to compare the switched axis with.
+"""Friction laws to compare the switched axis with, each in its published form (bibliography).
 
-Each in its published form, on the same mass, viscous coefficient, Coulomb map, Stribeck peak and
-effects as the axis.  scipy integrates them, a piece of linear input at a time, some thousand times
-slower than the switched axis.
+scipy integrates them, a piece of linear input at a time, some thousand times slower.
 """
 
 from __future__ import annotations
@@ -57,25 +55,27 @@ class _Motion:
 
     def __init__(self, axis: FrictionAxis, u: Floats, dt: float, first: bool) -> None:
         self.numbers, self.integers, _ = axis.arrays(dt)
-        self.dt, self.u, self.ends = dt, u, np.append(u[1:], u[-1]) if first else u
+        # With one sample more than is shown, each one that is shown begins a piece or lies in one.
+        self.dt, self.u = dt, np.append(u, u[-1])
+        self.ends = np.append(self.u[1:], u[-1]) if first else self.u
         #: Speed that a force gives in one sample.
         self.push = float(self.numbers[axis_step.INVERSE_MASS]) * dt
         self.viscous = float(self.numbers[axis_step.VISCOUS])
         self.longest = float(self.numbers[axis_step.SHORT_TIME]) / dt
         straight = (
-            (np.abs(np.diff(self.ends - u)) <= _STRAIGHT * np.abs(u).max())
-            & (u[1:] == self.ends[:-1])
+            (np.abs(np.diff(self.ends - self.u)) <= _STRAIGHT * np.abs(u).max())
+            & (self.u[1:] == self.ends[:-1])
             & (self.integers[axis_step.N_INPUT] == 0)
         )
-        self.kinks = np.unique([0, *np.flatnonzero(~straight) + 1, u.size - 1]).tolist()
+        self.kinks = np.unique([0, *np.flatnonzero(~straight) + 1, u.size]).tolist()
 
     def enter(self, begin: int, end: int, x: float, v: float) -> None:
         """Start the piece of input from sample `begin` to sample `end`."""
         first, last = (
             _drive(self.numbers, self.integers, begin * self.dt, x, v, u)
-            for u in (self.u[begin], self.ends[max(end - 1, begin)])
+            for u in (self.u[begin], self.ends[end - 1])
         )
-        self.begin, self.first, self.slope = begin, first, (last - first) / max(end - begin, 1)
+        self.begin, self.first, self.slope = begin, first, (last - first) / (end - begin)
 
     def forces(
         self, k: float, x: float, v: float, s: float, side: float, rest: float = 0.0
@@ -83,11 +83,6 @@ class _Motion:
         """Load, and friction against motion to `side`: sliding, and at breakaway."""
         drive = self.first + self.slope * (k - self.begin)
         return _forces(self.numbers, self.integers, drive, k * self.dt, x, v, s, side, rest)
-
-    def level(self, x: float) -> float:
-        """Mean friction of both directions at the start."""
-        self.enter(0, 0, x, 0.0)
-        return 0.5 * sum(self.forces(0.0, x, 0.0, s, s)[1] for s in (1.0, -1.0))
 
 
 @with_parameters
@@ -185,7 +180,8 @@ class Law(ABC):
                 f"{type(self).__name__} does not carry input_delay and actuator_lag: remove them "
                 "from axis.effects, or delay and filter u yourself"
             )
-        level = motion.level(x0)
+        motion.enter(0, 1, x0, 0.0)
+        level = 0.5 * sum(motion.forces(0.0, x0, 0.0, s, s)[1] for s in (1.0, -1.0))
         if not level > 0.0:
             raise ValueError(
                 f"coulomb must be positive at x0 = {x0:g} for law={type(self).__name__}(...)"
@@ -225,9 +221,6 @@ class _Switched(Law):
                 switches = switches + (s != start) if k - before <= _SHORTEST else 0
                 if switches > _MOST_SWITCHES:
                     raise self._failed(k)
-        last = out.shape[1] - 1
-        motion.enter(last, last, x, v if s else 0.0)
-        out[:, last] = self._seen(motion, last, x, v, s, rest)
 
     def _seen(
         self, motion: _Motion, k: float, x: float, v: float, s: int, rest: float
@@ -283,12 +276,9 @@ class _Switched(Law):
     def _wait(
         self, motion: _Motion, k: float, stop: float, x: float, v: float, rest: float
     ) -> tuple[float, int, float]:
-        """Time until the band is left, the side, and the velocity gained meanwhile.
-
-        Forces are linear up to `stop`, exact unless an effect depends on time.  The mass leaves
-        once the net force at the band's edge points outwards, else drag that begins there switches
-        endlessly.
-        """
+        """Time until the band is left, the side, and the velocity gained meanwhile."""
+        # Forces are linear up to `stop`, exact unless an effect depends on time.  The mass leaves
+        # once the net force at the band's edge points outwards: else drag there switches endlessly.
         left, band = stop - k, self.band
         now = self._held(motion, k, x, rest)[1:]
         then = self._held(motion, stop, x, rest + left * motion.dt)[1:]
@@ -371,9 +361,6 @@ class _Smooth(Law):
             for k, at in zip(range(begin, end), run.y.T, strict=False):
                 out[:, k] = seen(k, at)
             y = run.y[:, -1]
-        last = out.shape[1] - 1
-        motion.enter(last, last, *(y * unit)[:2])
-        out[:, last] = seen(last, y)
 
 
 @with_parameters
@@ -429,16 +416,11 @@ class Tanh(_Smooth):
 @with_parameters
 @dataclass(frozen=True, kw_only=True)
 class Karnopp(_Switched):
-    """Karnopp's law with a zero-velocity band.
+    """Karnopp's law with a zero-velocity band (1985).
 
     Inside the band the velocity counts as zero and friction balances the load up to the breakaway
     level (1 + sigma) Fc; load beyond that builds up momentum, and the mass slides once its velocity
     is outside the band.
-
-    References
-    ----------
-    D. Karnopp, "Computer simulation of stick-slip friction in mechanical dynamic systems", J. Dyn.
-    Syst. Meas. Control 107(1), 100-103, 1985.
 
     Examples
     --------
@@ -459,13 +441,9 @@ class Karnopp(_Switched):
 @with_parameters
 @dataclass(frozen=True, kw_only=True)
 class Dahl(_Smooth):
-    """Dahl's elastic friction, with exponent 1.
+    """Dahl's elastic friction (1968), with exponent 1.
 
     ``F = sigma0 z`` and ``z' = v - sigma0 |v| z / Fc``; a Stribeck peak enters through Fc.
-
-    References
-    ----------
-    P. R. Dahl, "A solid friction model", The Aerospace Corporation, TOR-0158(3107-18)-1, 1968.
 
     Examples
     --------
@@ -491,15 +469,10 @@ class Dahl(_Smooth):
 @with_parameters
 @dataclass(frozen=True, kw_only=True)
 class LuGre(Dahl):
-    """LuGre: bristles with a stiffness and a damping.
+    """LuGre (1995): bristles with a stiffness and a damping.
 
     ``F = sigma0 z + sigma1 z'`` and ``z' = v - sigma0 |v| z / g(x, v)``.  g is the axis's level
     with its Stribeck peak; the viscous part sigma2 v is the axis's own.
-
-    References
-    ----------
-    C. Canudas de Wit, H. Olsson, K. J. Astrom and P. Lischinsky, "A new model for control of
-    systems with friction", IEEE Trans. Automatic Control 40(3), 419-425, 1995.
 
     Examples
     --------

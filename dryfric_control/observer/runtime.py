@@ -221,17 +221,10 @@ def pi_observer(
 
     Notes
     -----
-    With W the net force without friction (u, and the effects that act as a force, at the measured
-    position), i the mode, Fbar the observer's own Coulomb friction without a Stribeck peak, and
-    the matrices of the design ::
-
-        Xhat+ = A_i Xhat + B_i (W - Fbar_i(y)) + E_i w + L_i (y - C Xhat)     (7)
-        w+    = w + G_i (y - C Xhat)
-        Fhat  = Fbar_i(y) - w  when sliding,   W  when stuck;   B_0 = 0
-
     ``switching="reading"``, the default, lets the measurement decide the mode, "paper" the printed
     automaton, "filippov" the same completed as in `FrictionAxis`; the page on the observer has the
-    rules.  None can distinguish creeping below an increment per few samples from rest.
+    equations and the rules.  None can distinguish creeping below an increment per few samples from
+    rest.
 
     Examples
     --------
@@ -255,10 +248,7 @@ def pi_observer(
 
 
 class Stepper:
-    """A compiled estimator sample by sample: kernel, its tables, memory and number of outputs.
-
-    With `at_reading` the estimate of the position starts at the first reading.
-    """
+    """A compiled estimator sample by sample; `at_reading`: it starts at the first reading."""
 
     def __init__(
         self, sample: Callable[..., None], tables: Any, memory: Floats, outputs: int, dt: float,

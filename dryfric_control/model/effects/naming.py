@@ -40,10 +40,7 @@ def renumbered(names: Iterable[str], taken: str) -> list[str]:
 
 
 def named(axis: BaseAxis) -> dict[str, Effect]:
-    """Effects of an axis by name: the slug, and "cogging_2" for a second of a kind.
-
-    A field of the axis, such as its Stribeck peak, is the first of its kind.
-    """
+    """Effects of an axis by name; a field of it, as its Stribeck peak, is the first of its kind."""
     found: dict[str, Effect] = {}
     listed = [effect.slug for effect in axis.effects]
     for cls in REGISTRY.values():
@@ -66,10 +63,8 @@ def with_named(axis: Any, changed: dict[str, Effect], **changes: Any) -> Any:
 
 
 def put(axis: Any, name: str, effect: Effect | None) -> Any:
-    """The axis with an effect in place of the one of a name, or behind all others; None: less it.
-
-    An effect that is there keeps its place: a limit before a gain is not one behind it.
-    """
+    """The axis with an effect in place of the named one, or behind all others; None: without it."""
+    # An effect that is there keeps its place: a limit before a gain is not one behind it.
     cls = class_of(name)
     assert cls is not None
     names, effects = _listed(axis), list(axis.effects)

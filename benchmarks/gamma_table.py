@@ -20,10 +20,9 @@ import scipy.optimize
 from dryfric_control import FrictionAxis
 from dryfric_control.observer import design_pi_observer
 from dryfric_control.observer.certificate import Problem
-from dryfric_control.observer.error_model import error_models, mode_classes
-from dryfric_control.observer.memory import allowed_pairs, window_graph
+from dryfric_control.observer.error_model import default_weights, error_models, mode_classes
+from dryfric_control.observer.switching import allowed_pairs, window_graph
 from dryfric_control.observer.synthesis import Scales, certified_solution, scales_of, solve_lmi
-from dryfric_control.observer.weights import default_weights
 
 DT, DECAY = 1e-3, 0.995
 RATES = (200.0, 500.0, 900.0)

@@ -13,7 +13,7 @@ import numpy as np
 from make_effects import IMAGES, save
 
 import dryfric_control as dfc
-from dryfric_control.observer.figures import draw_block_diagram
+from dryfric_control.observer.closed_loop import draw_block_diagram
 
 AXIS = dfc.FrictionAxis(
     mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(excess=0.3, speed=0.02),

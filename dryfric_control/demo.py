@@ -19,7 +19,7 @@ from dryfric_control import presets
 from dryfric_control.diagnosis.report.diagnosis import write_report
 from dryfric_control.drawing import MEASURED, axes_of, control_plot, legend_above, title_above
 from dryfric_control.identification import CoulombIdentification, SlowRamp
-from dryfric_control.observer.figures import draw_block_diagram
+from dryfric_control.observer.closed_loop import draw_block_diagram
 from dryfric_control.store.files import output_folder, replacing, write_file
 from dryfric_control.text import length_text, percent
 

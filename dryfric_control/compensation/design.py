@@ -25,7 +25,7 @@ from dryfric_control.model.profiles import MotionProfile, motion_profile
 from dryfric_control.observer.certificate import CertificateError
 from dryfric_control.observer.design import ObserverDesign, design_pi_observer
 from dryfric_control.observer.design import checked as checked_design
-from dryfric_control.observer.weights import LEFT_OUT
+from dryfric_control.observer.error_model import LEFT_OUT
 from dryfric_control.order import check_quantum_and_dt
 from dryfric_control.store.saved import Saved
 from dryfric_control.text import Result, documented, length_text, prefixed, see, stated, typeset

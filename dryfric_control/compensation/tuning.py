@@ -13,8 +13,8 @@ from dryfric_control.compiled import compensation as kernel
 from dryfric_control.model.axis import FrictionAxis, without_effects
 from dryfric_control.model.friction import middle_level
 from dryfric_control.observer.design import ObserverDesign
+from dryfric_control.observer.error_model import LEFT_OUT, UNCERTAIN_FRACTION, coulomb_level
 from dryfric_control.observer.runtime import tables
-from dryfric_control.observer.weights import LEFT_OUT, UNCERTAIN_FRACTION, coulomb_level
 
 LAWS = ("learned", "fixed", "sign", "pid", "disturbance observer", "adrc")
 #: Where the estimate of friction comes from, by law.

@@ -1,32 +1,17 @@
 """The switched PI observer: design, certificate, and the observer at work."""
 
-from dryfric_control.observer.certificate import Certificate, CertificateError
-from dryfric_control.observer.closed_loop import (
-    filter_reference,
-    observed_loop,
-    simulate_observed_loop,
-)
-from dryfric_control.observer.design import ObserverDesign, design_pi_observer
-from dryfric_control.observer.hybrid_filter import hybrid_filter
-from dryfric_control.observer.monte_carlo import monte_carlo
-from dryfric_control.observer.runtime import ObserverStepper, observe, pi_observer
-from dryfric_control.observer.score import score_estimate, switch_delays
-from dryfric_control.observer.weights import ObserverWarning
-
-__all__ = [
-    "Certificate",
-    "CertificateError",
-    "ObserverDesign",
-    "ObserverStepper",
-    "ObserverWarning",
-    "design_pi_observer",
-    "filter_reference",
-    "hybrid_filter",
-    "monte_carlo",
-    "observe",
-    "observed_loop",
-    "pi_observer",
-    "score_estimate",
-    "simulate_observed_loop",
-    "switch_delays",
-]
+from dryfric_control.observer.certificate import Certificate as Certificate
+from dryfric_control.observer.certificate import CertificateError as CertificateError
+from dryfric_control.observer.closed_loop import filter_reference as filter_reference
+from dryfric_control.observer.closed_loop import observed_loop as observed_loop
+from dryfric_control.observer.closed_loop import score_estimate as score_estimate
+from dryfric_control.observer.closed_loop import simulate_observed_loop as simulate_observed_loop
+from dryfric_control.observer.closed_loop import switch_delays as switch_delays
+from dryfric_control.observer.design import ObserverDesign as ObserverDesign
+from dryfric_control.observer.design import design_pi_observer as design_pi_observer
+from dryfric_control.observer.error_model import ObserverWarning as ObserverWarning
+from dryfric_control.observer.hybrid_filter import hybrid_filter as hybrid_filter
+from dryfric_control.observer.monte_carlo import monte_carlo as monte_carlo
+from dryfric_control.observer.runtime import ObserverStepper as ObserverStepper
+from dryfric_control.observer.runtime import observe as observe
+from dryfric_control.observer.runtime import pi_observer as pi_observer

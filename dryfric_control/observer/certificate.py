@@ -15,8 +15,12 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.observer.error_model import ErrorModel
-from dryfric_control.observer.memory import ModeGraph
-from dryfric_control.observer.switching import hardest_switching, runs_of, worst_switching
+from dryfric_control.observer.switching import (
+    ModeGraph,
+    hardest_switching,
+    runs_of,
+    worst_switching,
+)
 from dryfric_control.text import Result, documented, stated
 from dryfric_control.ties import ranked
 

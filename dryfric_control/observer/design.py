@@ -22,10 +22,16 @@ from dryfric_control.observer.certificate import (
     certify,
     signed,
 )
-from dryfric_control.observer.error_model import DISCRETIZATIONS, FORMS, ErrorModel, mode_classes
-from dryfric_control.observer.memory import ModeGraph, allowed_pairs, dwell_graph, window_graph
+from dryfric_control.observer.error_model import (
+    DISCRETIZATIONS,
+    FORMS,
+    ErrorModel,
+    default_weights,
+    mode_classes,
+    own_axis,
+)
+from dryfric_control.observer.switching import ModeGraph, allowed_pairs, dwell_graph, window_graph
 from dryfric_control.observer.synthesis import SOLVERS, Scales, certified_solution, scales_of
-from dryfric_control.observer.weights import default_weights, own_axis
 from dryfric_control.store.saved import Saved
 from dryfric_control.text import Result, documented, stated
 
@@ -283,13 +289,11 @@ def design_pi_observer(
 
     Notes
     -----
-    A ValueError says so if a mode is not detectable, or the specifications cannot be met.  The
-    page on the observer says which effects it knows, and how defaults follow from Coulomb level
-    and encoder; an ObserverWarning names effects that it leaves out.
-
-    gamma bounds the energy of z by that of all disturbances stacked, each divided by its
-    amplitude, for every allowed sequence of modes; modes that the observer decides differently
-    from the plant are not covered.
+    gamma bounds the energy of z by that of all disturbances, each over its amplitude, for every
+    allowed sequence of modes that observer and plant share.  The page on the observer says which
+    effects it knows, and how defaults follow from Coulomb level and encoder; an ObserverWarning
+    names effects that it leaves out.  A ValueError says so if a mode is not detectable, or the
+    specifications cannot be met.
 
     Examples
     --------

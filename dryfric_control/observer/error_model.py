@@ -1,12 +1,15 @@
-"""Error dynamics of the switched PI observer, mode by mode, in both forms of the theory page.
+"""Error dynamics and specifications of the switched PI observer.
 
 The error is e = (x - xhat, v - vhat, b - w), with the friction error b (nominal minus true) and the
 integral term w that estimates it.  Disturbances are force uncertainty, measurement noise and drift
-of the friction error, each present only if its amplitude is not zero.
+of the friction error, each present only if its amplitude is not zero.  Defaults follow from two
+amplitudes, the uncertain force d and the measurement noise n: their dimensionless ratio
+dt^2 d / (m n) is the square of the observer's natural frequency [rad/sample].
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -14,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import one_of, positive
-from dryfric_control.model.axis import mode_matrices
+from dryfric_control.checks import finite, increment, instance, one_of, positive, warn
+from dryfric_control.model.axis import MODES, FrictionAxis, mode_matrices
+from dryfric_control.model.friction import CoulombMap
 
 STICK, SLIDE = 0, 1
 DISCRETIZATIONS = ("euler", "zoh")
@@ -65,11 +69,9 @@ class ErrorModel:
 
 
 def axis_matrices(axis: Any, mode: int, dt: float, discretization: str) -> tuple[Floats, Floats]:
-    """State matrix of a mode and the column in which forces act.
-
-    The column is that of the sliding mode also while stuck: there friction cancels the drive, and
-    an integral term without effect could not be observed.
-    """
+    """State matrix of a mode, and the column in which forces act while sliding."""
+    # While stuck too: there friction cancels the drive, and an integral term without effect could
+    # not be observed.
     sliding, force = mode_matrices(axis.viscous / axis.mass, 1.0 / axis.mass, dt, discretization)
     stuck, _ = mode_matrices(axis.stick_rate, 1.0 / axis.mass, dt, discretization)
     return sliding if mode else stuck, force
@@ -125,11 +127,8 @@ def error_models(
 
 
 def check_detectable(models: Mapping[int, ErrorModel], state: Floats, decay: float) -> None:
-    """Refuse a mode whose error no gain can make decay fast enough.
-
-    Popov-Belevitch-Hautus: every eigenvalue of A with ``|lambda| >= decay`` must
-    leave ``[lambda I - A; C]`` with full column rank.
-    """
+    """Refuse a mode whose error no gain can make decay fast enough."""
+    # Popov-Belevitch-Hautus: eigenvalues of that size must leave [lambda I - A; C] of full rank.
     for key, model in models.items():
         A = model.scaled(state, 1.0).A
         for value in np.linalg.eigvals(A):
@@ -150,3 +149,141 @@ def check_detectable(models: Mapping[int, ErrorModel], state: Floats, decay: flo
                     f"mode {name} is not detectable: no gain moves its eigenvalue {value:.6g}, "
                     f"and decay = {decay:.6g} asks for less; {cause}"
                 )
+
+
+#: What acts through states that the observer does not have, or on what it reads.
+LEFT_OUT = ("contact", "transmission", "reading")
+#: Uncertain force as a fraction of the Coulomb level.
+UNCERTAIN_FRACTION = 0.2
+#: Natural frequency [rad/sample] without knowledge of the sensor, and its range
+#: with it: above, the observer is near-deadbeat and copies the noise into the
+#: velocity; below, it takes thousands of samples to forget its start.
+BANDWIDTH, SLOWEST, FASTEST = 0.15, 0.03, 0.7
+#: With a known increment, the natural frequency that force and rounding amount to is
+#: lowered to this share of itself: rounding is no white noise while the axis is slow.
+QUANTIZED = 0.5
+#: Drift of the friction error per sample, relative to bandwidth times d.
+DRIFT_FRACTION = 0.5
+#: Certified decay: an error shrinks at this fraction of the bandwidth.
+DECAY_FRACTION = 0.05
+#: Weights of position, speed and friction, each as a speed at that frequency.
+PERFORMANCE = (2.0, 1.0, 0.3)
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Specifications of the observer in SI units."""
+
+    dt: float  # [s]
+    kick: float  # speed gained in one sample per force, dt / mass [s/kg]
+    uncertainty: dict[int, float]  # of the force by mode [N]
+    noise: float  # [m]
+    drift: float  # of the friction error per sample [N]
+    decay: float  # per sample
+    performance: tuple[float, float, float]  # of position, velocity and friction errors in z
+    bandwidth: float  # natural frequency that the amplitudes amount to [rad/sample]
+
+
+class ObserverWarning(UserWarning):
+    """Part of an axis that its observer leaves out."""
+
+
+def own_axis(
+    axis: FrictionAxis, coulomb: CoulombMap | float | None = None, stick_speed: float | None = None
+) -> FrictionAxis:
+    """Axis that the observer believes in."""
+    instance("axis", axis, FrictionAxis)
+    acting = axis.effective()
+    if stick_speed is None:
+        stick_speed = acting.stick_speed / 2.0
+    speed = positive("stick_speed", stick_speed, unit="m/s")
+    left = [effect for effect in acting.effects if effect.action in LEFT_OUT]
+    if left:
+        names = ", ".join(effect.slug for effect in left)
+        warn(
+            f"the observer leaves out {names}: it runs the axis as one rigid mass that either "
+            "rests or slides, and what that misses goes into its integral term and its mode",
+            ObserverWarning,
+        )
+    return acting.replace(
+        stribeck=None,
+        stick_speed=speed,
+        coulomb=acting.coulomb if coulomb is None else CoulombMap.of(coulomb),
+        effects=tuple(effect for effect in acting.effects if effect not in left),
+    )
+
+
+def coulomb_level(axis: Any) -> float:
+    """Mean Coulomb level of both directions over the travel [N]."""
+    low, high = (0.0, 0.0) if axis.travel is None else axis.travel
+    places = np.linspace(low, high, 65)
+    return float(np.mean([axis.coulomb(places, direction) for direction in (1, -1)]))
+
+
+def _uncertainty(axis: Any, value: float | Mapping[int, float] | None) -> dict[int, float]:
+    if value is None:
+        level = coulomb_level(axis)
+        if level <= 0.0:
+            raise ValueError(
+                "uncertainty has no default on an axis without Coulomb friction: give the "
+                "amplitude of the unknown force"
+            )
+        value = UNCERTAIN_FRACTION * level
+    if not isinstance(value, Mapping):
+        return dict.fromkeys(MODES, positive("uncertainty", value, unit="N", zero=True))
+    if set(value) != set(MODES):
+        raise ValueError(f"uncertainty must name the modes 0, 1 and -1, got {sorted(value)!r}")
+    return {m: positive(f"uncertainty[{m}]", value[m], unit="N", zero=True) for m in MODES}
+
+
+def default_weights(
+    axis: Any,
+    dt: float,
+    *,
+    uncertainty: float | Mapping[int, float] | None = None,
+    noise: float | None = None,
+    drift: float | None = None,
+    decay: float | None = None,
+    performance: Iterable[float] | None = None,
+    encoder_quantum: float | None = None,
+) -> Weights:
+    """Fill in the specifications the user left open, by the constants above."""
+    kick = dt / axis.mass
+    amplitudes = _uncertainty(axis, uncertainty)
+    d = max(amplitudes.values())
+    if drift is not None:
+        drift = positive("drift", drift, unit=axis.unit("N"), zero=True)
+    if d == 0.0:
+        raise ValueError(
+            "uncertainty is zero in every mode: an observer of an exactly known axis need not "
+            "look at the measurement; give a small force instead"
+        )
+    step, bandwidth = dt * kick * d, BANDWIDTH
+    if noise is not None:
+        noise = positive("noise", noise, unit=axis.unit("m"), zero=True)
+        bandwidth = FASTEST if noise == 0.0 else math.sqrt(step / noise)
+        bandwidth = min(max(bandwidth, 1e-4), 1.0)
+    else:
+        if encoder_quantum is not None:
+            quantum = increment(encoder_quantum, axis.unit("m"))
+            bandwidth = QUANTIZED * math.sqrt(step * math.sqrt(12.0) / quantum)
+            bandwidth = min(max(bandwidth, SLOWEST), FASTEST)
+        noise = step / bandwidth**2
+    if drift is None:
+        drift = DRIFT_FRACTION * bandwidth * d
+    if decay is None:
+        decay = 1.0 - DECAY_FRACTION * bandwidth
+    decay = finite("decay", decay)
+    if not 0.0 < decay <= 1.0:
+        raise ValueError(f"decay must lie above 0 and up to 1 (no rate asked for), got {decay!r}")
+    if performance is None:
+        q_x, q_v, q_w = PERFORMANCE
+        performance = (q_x * bandwidth / dt, q_v, q_w * kick / bandwidth)
+    given = tuple(performance) if isinstance(performance, Iterable) else ()
+    weights = tuple(positive(f"performance[{k}]", q, zero=True) for k, q in enumerate(given))
+    if len(weights) != 3 or not any(weights):
+        raise ValueError(
+            "performance must hold three weights (q_x, q_v, q_w), not all zero, got "
+            f"{performance!r}"
+        )
+    return Weights(dt, kick, amplitudes, noise, drift, decay, weights, bandwidth)

@@ -17,9 +17,8 @@ from dryfric_control.compiled import hybrid_filter as kernel
 from dryfric_control.compiled.observer import LINE
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.block import Block
-from dryfric_control.observer.error_model import axis_matrices
+from dryfric_control.observer.error_model import axis_matrices, coulomb_level, own_axis
 from dryfric_control.observer.runtime import OUTPUTS, ObserverResponse, Stepper, drive_and_reading
-from dryfric_control.observer.weights import coulomb_level, own_axis
 from dryfric_control.order import check_quantum_and_dt
 
 #: What has no argument; tuned with the defaults of `hybrid_filter` on plants that
@@ -72,22 +71,7 @@ class HybridFilter:
         return LINE + int(self.tables.axis_integers[axis_step.N_HISTORY]) + kernel.SIZE
 
     def run(self, u: Any, y: ArrayLike | None = None) -> HybridResponse:
-        """Run the filter over a record, or drive u [N] and readings y [m], each shape (n,).
-
-        Each output uses the reading of its own sample.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import dryfric_control as dfc
-        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-        >>> u = 12.0 * np.sin(np.arange(4000) * 3e-3)
-        >>> plant = axis.simulate(u, dt=1e-3)
-        >>> y = 1e-5 * np.round(plant.y[0] / 1e-5)
-        >>> estimate = dfc.hybrid_filter(axis, dt=1e-3, encoder_quantum=1e-5).run(u, y)
-        >>> bool(np.mean(estimate.mode != plant.mode) < 0.02)
-        True
-        """
+        """Run the filter over a record, or drive u [N] and readings y [m], each shape (n,)."""
         time, inputs = drive_and_reading("filter", self, u, y)
         out = np.empty((time.size, kernel.OUTPUTS))
         kernel.run(*self.tables, np.zeros(self.memory_size), *inputs, out)
@@ -167,11 +151,9 @@ def hybrid_filter(
 
     Notes
     -----
-    Each mode (stuck, sliding in either direction) has a probability and a Gaussian of position,
-    velocity, relative error of the Coulomb level in either direction, excess over it and relative
-    error of 1 / mass; a reading is an interval of one increment.  The theory page has the
-    equations.  Effects act, or are left out, as in `design_pi_observer`.  The levels are learned
-    while sliding alone; creeping below an increment in many samples is taken for rest.
+    The theory page has the equations.  Effects act, or are left out, as in `design_pi_observer`.
+    The levels are learned while sliding alone; creeping below an increment in many samples is
+    taken for rest.
 
     Examples
     --------

@@ -20,10 +20,9 @@ from dryfric_control.model.friction import Stribeck
 from dryfric_control.model.loops import LoopController, simulate_loop
 from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.observer.certificate import Certificate
-from dryfric_control.observer.closed_loop import check_loop
+from dryfric_control.observer.closed_loop import EstimateScore, check_loop, score_estimate
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.runtime import observe
-from dryfric_control.observer.score import EstimateScore, score_estimate
 from dryfric_control.store.batch import fingerprint, run_batch
 from dryfric_control.text import Result
 

@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from dryfric_control.arrays import Floats
 from dryfric_control.observer import certificate
 from dryfric_control.observer.certificate import CertificateError, Problem
-from dryfric_control.observer.error_model import ErrorModel
+from dryfric_control.observer.error_model import ErrorModel, Weights
 from dryfric_control.observer.switching import best_gain
-from dryfric_control.observer.weights import Weights
 from dryfric_control.text import see
 
 SOLVERS = ("clarabel", "scs")
@@ -64,12 +63,9 @@ class Scales:
 
 
 def scales_of(models: Mapping[int, ErrorModel], weights: Weights) -> Scales:
-    """Scales that make the design problem a matter of numbers near 1.
-
-    With the observer's natural frequency beta per sample, an uncertain force d on the mass m moves
-    the speed estimate by about ``dt d / (m sqrt(beta))``, the position by ``1 / beta`` samples of
-    that.
-    """
+    """Scales that make the design problem a matter of numbers near 1."""
+    # With the natural frequency beta per sample, an uncertain force d moves the velocity estimate
+    # by about dt d / (m sqrt(beta)), the position by 1 / beta samples of that.
     force = max(weights.uncertainty.values())
     speed = force * weights.kick / np.sqrt(weights.bandwidth)
     state = np.array([speed * weights.dt / weights.bandwidth, speed, force])
@@ -96,11 +92,9 @@ class Candidate:
 def _block(
     model: ErrorModel, slack: Floats, symmetric: bool, factor: float, performance: bool
 ) -> tuple[Floats, Floats]:
-    """Coefficients of one inequality for P_i, the slack, V, P_j (and gamma^2).
-
-    With slack matrix S' = K Y, K = `slack` fixed and Y unknown, and V' = K v:
-    both inequalities of a node share Y and v, and L = Y^-1 v in each.
-    """
+    """Coefficients of one inequality for P_i, the slack, V, P_j (and gamma^2)."""
+    # With slack matrix S' = K Y, K = `slack` fixed and Y unknown, and V' = K v: both inequalities
+    # of a node share Y and v, and L = Y^-1 v in each.
     nd = model.W.shape[1] if performance else 0
     n = 6 + nd
     last = slice(n - 3, n)

@@ -320,7 +320,7 @@ def test_noise_in_the_drive_is_bounded_and_its_price_is_said(quantum, delay):
         assert comp.bandwidth == free.bandwidth and "price" not in comp.summary()
 
 
-@pytest.mark.filterwarnings("ignore::dryfric_control.observer.weights.ObserverWarning")
+@pytest.mark.filterwarnings("ignore::dryfric_control.observer.error_model.ObserverWarning")
 @pytest.mark.parametrize(
     "effect", [fx.Backlash(gap=1e-4, load_fraction=0.5), fx.Presliding(distance=1e-5)]
 )

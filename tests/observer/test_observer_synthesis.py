@@ -11,10 +11,14 @@ from dryfric_control import FrictionAxis
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.observer import design_pi_observer
 from dryfric_control.observer.certificate import Problem
-from dryfric_control.observer.error_model import error_models, mode_classes, mode_matrices
-from dryfric_control.observer.memory import allowed_pairs, window_graph
+from dryfric_control.observer.error_model import (
+    default_weights,
+    error_models,
+    mode_classes,
+    mode_matrices,
+)
+from dryfric_control.observer.switching import allowed_pairs, window_graph
 from dryfric_control.observer.synthesis import Scales, certified_solution, scales_of
-from dryfric_control.observer.weights import default_weights
 
 DT = 1e-3
 #: The reference problem: z = v, one newton uncertain, 0.1 mm of noise.

@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
@@ -18,6 +18,9 @@ from dryfric_control.compiled import compensation as kernel
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.text import Result, documented, length_text, stated
+
+if TYPE_CHECKING:
+    from dryfric_control.compensation.design import Compensation
 
 #: State of the linear loop that is the drive of the sample before.
 DRIVE = 10
@@ -35,25 +38,6 @@ _LATEST = 200
 _PLACES, _TIMES = 401, (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 #: Tolerances by which an axis may rest beside the place that the drive is held for.
 _BESIDE = 10.0
-
-
-class Loop(NamedTuple):
-    """What the certificate reads of a compensation."""
-
-    numbers: Any  # of the compiled law
-    axis: FrictionAxis  # one rigid mass
-    drive_delay: float  # of the axis itself [s]
-    drive_lag: float
-    input_delay: float  # beyond it, at most [s]
-    encoder_quantum: float
-    tolerance: float
-    left_out: tuple[str, ...] = ()  # effects that the certificate does not cover
-    known: tuple[str, ...] = ()  # effects that it takes as they are
-
-    @property
-    def dt(self) -> float:
-        """Sampling time [s]."""
-        return float(self.numbers[kernel.DT])
 
 
 class LoopGains(NamedTuple):
@@ -147,18 +131,20 @@ class TrackingCertificate(Result):
             yield f"rest   {'holds' if holds else 'FAILS'}: {name} ({detail})"
 
 
-def loop_matrices(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[Floats, Floats]:
+def loop_matrices(
+    comp: Compensation, mass: float, viscous: float, delay: float
+) -> tuple[Floats, Floats]:
     """Linear loop of the tracking error: state matrix, and columns of force and reading error."""
     # One sample as the compiled law runs it, read off column by column; the axis is sampled
     # exactly.  The integral of a law that bounds it counts among the forces.
-    c, dt = loop.numbers, loop.dt
+    c, dt = comp.numbers, comp.dt
     whole = int(delay / dt + 1e-9)
     # x, v, drive behind its lag; the drive before the delay's fraction is over, and after it.
     part = min(max(delay - whole * dt, 0.0), dt)
-    early = _held(mass, viscous, loop.drive_lag, part)
-    late = _held(mass, viscous, loop.drive_lag, dt - part)
+    early = _held(mass, viscous, comp.drive_lag, part)
+    late = _held(mass, viscous, comp.drive_lag, dt - part)
     bounded = c[kernel.HOLDS] != 0.0
-    own = 3 if loop.drive_lag > 0.0 else 2
+    own = 3 if comp.drive_lag > 0.0 else 2
 
     def step(state: Floats, force: float, noise: float) -> Floats:
         after = np.zeros(state.size)
@@ -209,11 +195,13 @@ def _held(mass: float, viscous: float, lag: float, time: float) -> Floats:
     return np.asarray(expm(rates * time)[:3])
 
 
-def loop_responses(loop: Loop, mass: float, viscous: float, delay: float) -> tuple[float, Floats]:
+def loop_responses(
+    comp: Compensation, mass: float, viscous: float, delay: float
+) -> tuple[float, Floats]:
     """Spectral radius of the linear loop of one axis, and responses until they have faded."""
     # Shape (n, 3, 2): position, velocity and drive 1 to n samples after a force of 1 N began to
     # act over a sample, and after a reading 1 m off; empty if the loop is unstable.
-    A, B = loop_matrices(loop, mass, viscous, delay)
+    A, B = loop_matrices(comp, mass, viscous, delay)
     radius = spectral_radius(A)
     if radius >= 1.0:
         return radius, np.empty((0, 3, 2))
@@ -242,17 +230,17 @@ def loop_gains(radius: float, responses: Floats) -> LoopGains:
     return LoopGains(radius, *(float(one) for one in np.abs(responses).sum(axis=0).T.ravel()))
 
 
-def delay_margin(loop: Loop) -> float:
+def delay_margin(comp: Compensation) -> float:
     """Delay beyond the nominal one below which the linear loop is stable, at most 200 samples."""
-    axis, most = loop.axis, _LATEST * loop.dt
+    axis, most = comp.rigid_axis, _LATEST * comp.dt
 
     def stable(delay: float) -> bool:
-        A, _ = loop_matrices(loop, axis.mass, axis.viscous, loop.drive_delay + delay)
+        A, _ = loop_matrices(comp, axis.mass, axis.viscous, comp.drive_delay + delay)
         return spectral_radius(A) < 1.0
 
     if not stable(0.0):
         return 0.0
-    below, above = 0.0, loop.dt
+    below, above = 0.0, comp.dt
     while stable(above):
         if above >= most:
             return most
@@ -288,7 +276,7 @@ def stick_slip_gain(force: Floats) -> float:
 
 
 def certify_tracking(
-    loop: Loop,
+    comp: Compensation,
     mismatch: float,
     learned: float,
     excess: float,
@@ -296,8 +284,8 @@ def certify_tracking(
 ) -> TrackingCertificate:
     """Compute the tracking tube and check the conditions of rest."""
     # The theory page has the bounds, `sliding` (D) and `largest` (W) here.
-    axis, mu, dt, c = loop.axis, mismatch, loop.dt, loop.numbers
-    laws = _laws(loop, reference, c[kernel.HOLD_SHARE] / (1.0 - mu))
+    axis, mu, dt, c = comp.rigid_axis, mismatch, comp.dt, comp.numbers
+    laws = _laws(comp, reference, c[kernel.HOLD_SHARE] / (1.0 - mu))
     level, bounded = laws.level, c[kernel.HOLDS] != 0.0
     peak = c[kernel.PEAK] * c[kernel.EXCESS]
     most = c[kernel.BAND] if bounded else 0.0
@@ -306,23 +294,23 @@ def certify_tracking(
     moved = laws.wind
     early = 0.0
     if reference is not None:
-        ahead = (c[kernel.LEAD] + 1.0) * dt - loop.drive_delay
+        ahead = (c[kernel.LEAD] + 1.0) * dt - comp.drive_delay
         moved += laws.slope * _fastest(reference) * ahead
-        early = _unfed(loop, reference)
+        early = _unfed(comp, reference)
     sliding = (1.0 - learned) * (mu + most) * level + level * max(peak, (1.0 + mu) * excess)
     sliding, largest = sliding + moved, friction + fed + 2.0 * moved
     if not bounded:
         sliding = largest
-    half, needed, largest_gain = 0.5 * loop.encoder_quantum, 0.0, 0.0
+    half, needed, largest_gain = 0.5 * comp.encoder_quantum, 0.0, 0.0
     parts: dict[str, float] = {}
     gains = []
     for m, f, d in itertools.product(
         sorted({1.0 - mu, 1.0, 1.0 + mu}),
         sorted({1.0 - mu, 1.0 + mu}),
-        sorted({0.0, 0.5 * loop.input_delay, loop.input_delay}),
+        sorted({0.0, 0.5 * comp.input_delay, comp.input_delay}),
     ):
-        mass, viscous, delay = axis.mass * m, axis.viscous * f, loop.drive_delay + d
-        radius, responses = loop_responses(loop, mass, viscous, delay)
+        mass, viscous, delay = axis.mass * m, axis.viscous * f, comp.drive_delay + d
+        radius, responses = loop_responses(comp, mass, viscous, delay)
         one = loop_gains(radius, responses)
         gains.append(one)
         if radius >= 1.0:
@@ -331,7 +319,7 @@ def certify_tracking(
         response = responses[..., 0]
         missed = quick = drive = 0.0
         if reference is not None:
-            missing = _missing(loop, reference, mass, viscous, delay)
+            missing = _missing(comp, reference, mass, viscous, delay)
             missed, quick, drive = np.abs(oaconvolve(missing[:, None], response, axes=0)).max(0)
             # An axis at rest under a reference that moves has the momentum to make up.
             start = mass * abs(float(reference.velocity[0])) / dt * np.abs(response).max(0)
@@ -362,28 +350,28 @@ def certify_tracking(
         needed = max(needed, asked + float(drive) + half * one.reading_drive)
     fast = 0.0 if reference is None else np.abs(_courses(axis, reference)).sum(axis=0).max()
     needed = float(needed + fed + fast + laws.forces + laws.wind)
-    if loop.left_out:
-        parts[f"not covered: {', '.join(loop.left_out)}"] = math.inf
+    if comp.left_out:
+        parts[f"not covered: {', '.join(comp.left_out)}"] = math.inf
     if needed > c[kernel.LIMIT]:
         parts["drive limit"] = math.inf
     # Each figure at its own worst corner.
     worst = LoopGains(*(max(values) for values in zip(*gains, strict=True)))
-    nominal = loop_gains(*loop_responses(loop, axis.mass, axis.viscous, loop.drive_delay))
+    nominal = loop_gains(*loop_responses(comp, axis.mass, axis.viscous, comp.drive_delay))
     tube = float(sum(parts.values()))
     return TrackingCertificate(
         tube, parts, float(sliding), nominal, worst, mu, learned,
-        _conditions(loop, laws, worst, mu), axis.units, reference is None, delay_margin(loop),
-        needed, float(c[kernel.LIMIT]), float(largest), loop.known,
-        tuple(_reasons(loop, worst, largest_gain, laws.slope, needed)),
+        _conditions(comp, laws, worst, mu), axis.units, reference is None, delay_margin(comp),
+        needed, float(c[kernel.LIMIT]), float(largest), comp.known,
+        tuple(_reasons(comp, worst, largest_gain, laws.slope, needed)),
     )  # fmt: skip
 
 
 def _reasons(
-    loop: Loop, worst: LoopGains, gain: float, slope: float, needed: float
+    comp: Compensation, worst: LoopGains, gain: float, slope: float, needed: float
 ) -> Iterator[str]:
     """Conditions of a finite tube that fail, each with what to change."""
-    length, force = loop.axis.units
-    limit = float(loop.numbers[kernel.LIMIT])
+    length, force = comp.rigid_axis.units
+    limit = float(comp.numbers[kernel.LIMIT])
     if worst.radius >= 1.0:
         yield (
             "the linear loop is unstable for an axis within the mismatch (spectral radius "
@@ -400,9 +388,9 @@ def _reasons(
             f"{force}/{length}, and the loop can bound the error below {1.0 / gain:.4g} "
             f"{force}/{length} only: raise bandwidth; a shorter dt or input_delay allows more"
         )
-    if loop.left_out:
+    if comp.left_out:
         yield (
-            f"not covered: {', '.join(loop.left_out)}. Design for axis.replace(effects=...) with "
+            f"not covered: {', '.join(comp.left_out)}. Design for axis.replace(effects=...) with "
             "the others only, and see what this one adds with simulate_loop on the full axis"
         )
     if needed > limit:
@@ -423,18 +411,18 @@ def _courses(axis: FrictionAxis, reference: MotionProfile) -> Floats:
 
 
 def _missing(
-    loop: Loop, reference: MotionProfile, mass: float, viscous: float, delay: float
+    comp: Compensation, reference: MotionProfile, mass: float, viscous: float, delay: float
 ) -> Floats:
     """What lacks of inertia and viscous friction over each sample [N], shape (n,)."""
-    dt, fed = loop.dt, _courses(loop.axis, reference).sum(axis=0)
+    dt, fed = comp.dt, _courses(comp.rigid_axis, reference).sum(axis=0)
     whole = int(delay / dt + 1e-9)
     part = delay / dt - whole
-    drive = (1.0 - part) * _given(loop, fed, whole) + part * _given(loop, fed, whole + 1)
-    if loop.drive_lag > 0.0:
-        pole = math.exp(-dt / loop.drive_lag)
+    drive = (1.0 - part) * _given(comp, fed, whole) + part * _given(comp, fed, whole + 1)
+    if comp.drive_lag > 0.0:
+        pole = math.exp(-dt / comp.drive_lag)
         after = lfilter([1.0 - pole], [1.0, -pole], drive)
         # Mean over the sample of what goes from the one before to this one.
-        rise = loop.drive_lag / dt * (1.0 - pole)
+        rise = comp.drive_lag / dt * (1.0 - pole)
         before = np.concatenate([[0.0], after[:-1]])
         drive = drive + rise * (before - drive)
     x = np.concatenate([reference.position[:1], reference.position, reference.position[-1:]])
@@ -442,21 +430,21 @@ def _missing(
     return np.asarray(drive - 0.5 * (needed + np.append(needed[1:], 0.0)))
 
 
-def _given(loop: Loop, ahead: Floats, back: int) -> Floats:
+def _given(comp: Compensation, ahead: Floats, back: int) -> Floats:
     """What is fed forward as it was so many samples before, nothing before the first."""
     at = np.arange(ahead.size) - back
-    there = np.clip(at + int(loop.numbers[kernel.LEAD]), 0, ahead.size - 1)
+    there = np.clip(at + int(comp.numbers[kernel.LEAD]), 0, ahead.size - 1)
     return np.where(at >= 0, ahead[there], 0.0)
 
 
-def _unfed(loop: Loop, reference: MotionProfile) -> float:
+def _unfed(comp: Compensation, reference: MotionProfile) -> float:
     """Largest velocity of the reference whose friction is not fed forward at the axis yet."""
-    dt, v = loop.dt, reference.velocity
-    way = np.sign(v) * (np.abs(v) > loop.numbers[kernel.REST_SPEED])
-    latest = math.ceil((loop.drive_delay + loop.input_delay + _LAGS * loop.drive_lag) / dt) + 1
+    dt, v = comp.dt, reference.velocity
+    way = np.sign(v) * (np.abs(v) > comp.numbers[kernel.REST_SPEED])
+    latest = math.ceil((comp.drive_delay + comp.input_delay + _LAGS * comp.drive_lag) / dt) + 1
     unfed = np.zeros(v.size, dtype=bool)
-    for back in range(int(loop.drive_delay / dt), latest + 1):
-        unfed |= _given(loop, way, back) * np.sign(v) <= 0.0
+    for back in range(int(comp.drive_delay / dt), latest + 1):
+        unfed |= _given(comp, way, back) * np.sign(v) <= 0.0
     return float(np.abs(v[unfed]).max(initial=0.0))
 
 
@@ -473,13 +461,13 @@ class _Laws(NamedTuple):
     guessed: tuple[float, float] | None  # range, if none is known and the level depends on place
 
 
-def _laws(loop: Loop, reference: MotionProfile | None, share: float) -> _Laws:
+def _laws(comp: Compensation, reference: MotionProfile | None, share: float) -> _Laws:
     """Read levels and force effects of an axis over place and over time."""
     # Levels are compared within a reach, where the held drive is a `share` of them.  Forces are
     # read up to a fifth above the speed of the reference, both ways.  Places are those of the
     # travel; without one, those of the reference and a tenth of its way on either side.
-    axis, reach, speed = loop.axis, _BESIDE * loop.tolerance, _fastest(reference)
-    arrays = axis.arrays(loop.dt)
+    axis, reach, speed = comp.rigid_axis, _BESIDE * comp.tolerance, _fastest(reference)
+    arrays = axis.arrays(comp.dt)
     low, high = axis.travel or (-1.0, 1.0)
     known = axis.travel is not None
     if reference is not None and not known and np.ptp(reference.position) > 0.0:
@@ -516,14 +504,16 @@ def _laws(loop: Loop, reference: MotionProfile | None, share: float) -> _Laws:
     )
 
 
-def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[Condition, ...]:
+def _conditions(
+    comp: Compensation, laws: _Laws, worst: LoopGains, mu: float
+) -> tuple[Condition, ...]:
     """Conditions under which an axis at rest stays at rest for ever."""
-    length, force = loop.axis.units
-    c = loop.numbers
+    length, force = comp.rigid_axis.units
+    c = comp.numbers
     holds = c[kernel.HOLDS] != 0.0
     held = c[kernel.HOLD_SHARE] * laws.held if holds else math.inf
     least = (1.0 - mu) * laws.kept
-    reach = length_text(_BESIDE * loop.tolerance, length)
+    reach = length_text(_BESIDE * comp.tolerance, length)
     unsure = ""
     if laws.guessed:
         low, high = laws.guessed
@@ -535,7 +525,7 @@ def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[C
     # Name, whether it holds, detail, and what to do if it does not.
     corrected = 'the integral goes on at rest: law="learned" and "fixed" hold it'
     if holds:
-        corrected = f"each one widens the tolerance {length_text(loop.tolerance, length)} "
+        corrected = f"each one widens the tolerance {length_text(comp.tolerance, length)} "
         corrected += f"by {c[kernel.GROWTH]:g}"
     rows = [
         (
@@ -567,8 +557,8 @@ def _conditions(loop: Loop, laws: _Laws, worst: LoopGains, mu: float) -> tuple[C
         ),
         (
             "the encoder's last digit does not end the hold",
-            2.5 * loop.tolerance >= loop.encoder_quantum,
-            f"released at {length_text(2.5 * loop.tolerance, length)}",
+            2.5 * comp.tolerance >= comp.encoder_quantum,
+            f"released at {length_text(2.5 * comp.tolerance, length)}",
             "",
         ),
     ]

@@ -15,7 +15,7 @@ from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, increment, instance, one_of, positive, whole
 from dryfric_control.compensation import certificate as proof
 from dryfric_control.compensation import tuning as tuned
-from dryfric_control.compensation.certificate import Loop, TrackingCertificate
+from dryfric_control.compensation.certificate import TrackingCertificate
 from dryfric_control.compensation.runtime import CompensatedController
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
@@ -133,12 +133,12 @@ class Compensation(Saved, Result):
             )
         if reference is not None:
             instance("reference", reference, MotionProfile, "made by dfc.motion_profile")
-        return proof.certify_tracking(self.loop, mu, known, peak, reference)
+        return proof.certify_tracking(self, mu, known, peak, reference)
 
     def _kept(self) -> Promise:
         observer = self.observer and self.observer._kept()
         bare = replace(self, certificate=None, observer=observer)  # type: ignore[arg-type]
-        return Promise(bare, self.controller.law.numbers, self.certificate.tube)
+        return Promise(bare, self.numbers, self.certificate.tube)
 
     @classmethod
     def _opened(cls, held: Promise) -> Compensation:
@@ -156,7 +156,7 @@ class Compensation(Saved, Result):
         )
         yield (
             f"ahead  {self.lead} samples, designed for a drive delay of up to "
-            f"{1e3 * (self.drive_delay + self.input_delay):.3g} ms"
+            f"{1e3 * self.whole_delay:.3g} ms"
         )
         if self.encoder_quantum > 0.0:
             level, step = tuned.largest_level(self.rigid_axis), self.drive_step
@@ -179,7 +179,7 @@ class Compensation(Saved, Result):
         least = tuned.FILTER * self.dt
         if self.filter_time <= least:
             return None
-        delay = self.drive_delay + self.input_delay
+        delay = self.whole_delay
         slow, quick = (
             min(tuned.highest(self.tuning, self.dt, delay, filtered), tuned.FASTEST / self.dt)
             for filtered in (self.filter_time, least)
@@ -229,21 +229,21 @@ class Compensation(Saved, Result):
         )  # fmt: skip
 
     @property
-    def loop(self) -> Loop:
-        """What the certificate reads."""
-        delay, lag = self.drive_delay - self.drive_lag, self.drive_lag
-        left_out = (e.slug for e in self.axis.effective().effects if e.action in LEFT_OUT)
-        known = (e.slug for e in self.rigid_axis.effects if e.action in ("force", "input"))
-        numbers, axis, quantum = self.controller.law.numbers, self.rigid_axis, self.encoder_quantum
-        given = numbers, axis, delay, lag, self.input_delay, quantum, self.tolerance
-        return Loop(*given, tuple(left_out), tuple(known))
+    def left_out(self) -> tuple[str, ...]:
+        """Effects that the certificate does not cover."""
+        return tuple(e.slug for e in self.axis.effective().effects if e.action in LEFT_OUT)
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Effects that the certificate takes as they are."""
+        return tuple(e.slug for e in self.rigid_axis.effects if e.action in ("force", "input"))
 
     @property
     def drive_step(self) -> float:
         """Step of the drive for one encoder increment [N], while the axis slides."""
         # Of the force that the drive is to make, before gain and dead zone are inverted.
         axis = self.rigid_axis
-        _, B = proof.loop_matrices(self.loop, axis.mass, axis.viscous, 0.0)
+        _, B = proof.loop_matrices(self, axis.mass, axis.viscous, 0.0)
         return self.encoder_quantum * abs(float(B[proof.DRIVE, 1]))
 
     def _law(self) -> kernel.Law:
@@ -278,9 +278,7 @@ class Compensation(Saved, Result):
             kernel.RATE: min(self.learning * dt, 0.5) if self.law == "learned" else 0.0,
             kernel.LAG: 1.0 if self.observer is None else tuned.observer_lag(self.observer),
             kernel.RESIDUAL: tuned.ESTIMATE if estimates else self.tuning.residual,
-            kernel.SPEED_SHARE: tuned.share(
-                self.tuning, (self.drive_delay + self.input_delay) / dt
-            ),
+            kernel.SPEED_SHARE: tuned.share(self.tuning, self.whole_delay / dt),
             kernel.BUILD: tuned.presliding_distance(self.axis),
             kernel.SOURCE: tuned.SOURCES.get(self.law, kernel.NOTHING),
             kernel.HOLDS: switched,
@@ -296,7 +294,9 @@ class Compensation(Saved, Result):
             ),
             kernel.GAIN_V: extended[1],
             kernel.GAIN_F: extended[2],
-            kernel.LATE: round((self.drive_delay + self.tuning.late * self.input_delay) / dt),
+            kernel.LATE: round(
+                (self.drive_delay + self.drive_lag + self.tuning.late * self.input_delay) / dt
+            ),
         }
         for place, value in values.items():
             numbers[place] = value
@@ -305,10 +305,19 @@ class Compensation(Saved, Result):
         return kernel.Law(numbers, own.numbers, own.integers, *watched)
 
     @property
+    def numbers(self) -> Floats:
+        """Numbers of the compiled law."""
+        return np.asarray(self.controller.law.numbers)
+
+    @property
+    def whole_delay(self) -> float:
+        """Delay and lag of the axis' drive, and the largest delay beyond them [s]."""
+        return self.drive_delay + self.drive_lag + self.input_delay
+
+    @property
     def drive_delay(self) -> float:
-        """Delay and lag of the drive that the axis itself has [s]."""
-        numbers = self.rigid_axis.arrays(self.dt).numbers
-        return float(numbers[kernel.axis_step.DELAY] + numbers[kernel.axis_step.LAG])
+        """Delay of the drive that the axis itself has [s]."""
+        return float(self.rigid_axis.arrays(self.dt).numbers[kernel.axis_step.DELAY])
 
     @property
     def drive_lag(self) -> float:
@@ -540,7 +549,7 @@ def _checked(stated: Promise) -> Compensation:
             raise ValueError("dt differs from that of the observer")
         comp = replace(comp, observer=checked_design(comp.observer))
     comp = certified(comp)
-    if not np.array_equal(stated.numbers, comp.controller.law.numbers):
+    if not np.array_equal(stated.numbers, comp.numbers):
         raise ValueError("numbers of its law are not those that this package gives the design")
     tube = comp.certificate.tube
     if not tube <= stated.tube * (1.0 + 1e-9):

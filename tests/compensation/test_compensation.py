@@ -405,7 +405,7 @@ def test_no_error_is_certified_beyond_what_the_drive_can_do():
 
 def impulse(comp, mass, viscous, delay, n):
     """Response of the linear loop to a force of one sample."""
-    A, B = loop_matrices(comp.loop, mass, viscous, delay)
+    A, B = loop_matrices(comp, mass, viscous, delay)
     state, found = B[:, 0], [0.0]
     for _ in range(n - 1):
         found.append(state[0])

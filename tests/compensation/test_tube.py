@@ -194,7 +194,7 @@ def test_how_fast_a_reference_is_before_its_friction_is_fed_forward(delay):
     early, late = comp.lead, math.ceil(delay / DT) + 1 - comp.lead
     certified = []
     for way in (1.0, -1.0):
-        found = certificates._unfed(comp.loop, there(3.0, way))
+        found = certificates._unfed(comp, there(3.0, way))
         assert found == pytest.approx(3.0 * DT * max(early, late), rel=1e-9)
         certified.append(comp.certify(reference=there(3.0, way)))
     # Mirrored, the reference has the same tube.
@@ -250,7 +250,7 @@ def test_no_course_of_friction_does_more_than_the_tube_says(delay, quantum):
     comp = dfc.design_compensation(PEAKED, DT, quantum, delay)
     found, rng = comp.certificate, np.random.default_rng(5)
     for mass, late in ((0.8, delay), (1.2, 0.0)):
-        _, response = certificates.loop_responses(comp.loop, 2.0 * mass, 12.0, late)
+        _, response = certificates.loop_responses(comp, 2.0 * mass, 12.0, late)
         g, gv = response[:, 0, 0], response[:, 1, 0]
         bound = certificates.stick_slip_gain(g) * found.friction_left * (1.0 + certificates._TURN)
         courses = [[6, 15], [9, 8, 15, 6, 5], [8, 16], [19, 13, 3]]

@@ -75,7 +75,7 @@ TARGETS = {
     ),
     "columns": Target("dryfric_control/diagnosis/gram.py", _DIAGNOSIS),
     "search": Target("dryfric_control/diagnosis/search.py", _DIAGNOSIS),
-    "floor": Target("dryfric_control/diagnosis/noise_floor.py", _DIAGNOSIS),
+    "floor": Target("dryfric_control/diagnosis/verdict.py", _DIAGNOSIS),
 }  # fmt: skip
 
 COMPARISONS = {

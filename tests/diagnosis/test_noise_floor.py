@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.noise_floor import Floor, far_above, noise_floor, usual_rms
+from dryfric_control.diagnosis.verdict import Floor, far_above, noise_floor, usual_rms
 from dryfric_control.estimation.windows import cut
 
 DT = 1e-3

@@ -91,10 +91,6 @@ class Diagnosis(Saved, Result, Findings):
         ----------
         path : path-like, optional
             File to write, replaced as a whole or not at all.
-
-        Returns
-        -------
-        str
         """
         text = json.dumps(self.to_dict(), indent=2)
         if path is not None:
@@ -111,10 +107,6 @@ class Diagnosis(Saved, Result, Findings):
             residual against velocity, position, time and time since reversal, friction over
             velocity, the candidates and the autocorrelation.  Default: a new figure, with the
             verdict in words.
-
-        Returns
-        -------
-        control.ControlPlot
 
         Raises
         ------
@@ -145,8 +137,7 @@ def write_report(
     `record` is the table of the axis file that says how records are read.
     """
     # All but the last file is made before the first is written.
-    drawn = d.plot().figure
-    buffer = io.BytesIO()
+    drawn, buffer = d.plot().figure, io.BytesIO()
     try:
         drawn.savefig(buffer, format="png", dpi=130)
     finally:

@@ -39,7 +39,6 @@ PANELS = 5 + len(AGAINST)
 
 # Free runs shown in the close-up of the position, and the least error for its scale: 0.1 um.
 _SHOWN, _LEAST_SHOWN = 5, 1e-7
-_TEXT_WIDTH = 132
 # Bins of the medians of the force residual.
 _BINS = 24
 # Candidates that get a bar, rows that there is room for at least, dots of measured friction.
@@ -47,14 +46,10 @@ _BARS, _ROWS, _DOTS = 8, 4, 3000
 # Stribeck velocities in a closer look at the peak, and how much of the width it may take
 # before that look is needless.
 _CLOSER, _WIDE = 8.0, 0.4
-# Letters of the title in a line, its lines, and the causes that it names.
-_TITLE_WIDTH, _TITLE_LINES, _NAMED = 76, 2, 2
 # Marks of motion forwards and backwards, for those who see no colour.
 _MARKS = {1: ">", -1: "<"}
 # Name of the lines that the scale of the force must hold.
 _MEDIAN = "median"
-# Points of the lines of the Coulomb level.
-_LEVEL_POINTS = 49
 # Marks on the scale of the bars of candidates, as many as there is room for, and its name.
 _MARKS_OF_GAIN = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4, 1e5, 1e6, 1e7, 1e8)
 _MOST_TICKS = 6
@@ -65,11 +60,6 @@ _BAR_STYLES = {
     "other candidate": {"color": "0.8"},
 }
 MEASURE = "gain of log-likelihood, one-step predictions"
-# Where no candidate earns a bar.
-_NO_BAR = (
-    "No candidate alone gains more than chance over refitting mass, viscous friction and "
-    "Coulomb level."
-)
 
 
 def plot_diagnosis(d: Findings, ax: Any = None) -> ct.ControlPlot:
@@ -111,16 +101,14 @@ def _page(d: Findings) -> NDArray[Any]:
     if d.others:
         said.append(f"curves: {wording.shown_record(d)}")
     text = "\n".join(
-        textwrap.fill(
-            typeset(line), _TEXT_WIDTH, subsequent_indent=" " * (10 if line[0] == " " else 5)
-        )
-        for line in said
+        textwrap.fill(typeset(one), 132, subsequent_indent=" " * (10 if one[0] == " " else 5))
+        for one in said
     )
     # The page grows with the text: no line is lost.
     rows = text.count("\n") + 1
     names = wording.records_text(d)
-    words = (f"{names} \N{EN DASH} " if names else "") + wording.headline(d, _NAMED)
-    heading = textwrap.wrap(words, _TITLE_WIDTH, max_lines=_TITLE_LINES, placeholder=" ...")
+    words = (f"{names} \N{EN DASH} " if names else "") + wording.headline(d, most=2)
+    heading = textwrap.wrap(words, 76, max_lines=2, placeholder=" ...")
     above = 0.08 + 0.25 * len(heading)
     head = 0.12 + above + 0.165 * rows
     figure = plt.figure(figsize=(10.0, 12.4 + head), layout="constrained")
@@ -250,24 +238,20 @@ def draw_residual(
         for way in (1, -1) if by == "position" else (0,):
             here = side.v * way > 0.0 if way else slice(None)
             found = binned(side.residual[here], getattr(side, column)[here], bins)
-            marks: dict[str, Any] = {"lw": 1.6, "label": name}
+            marks: dict[str, Any] = {"lw": 1.6, "ms": 5}
             if way:
                 every = max(1, found.centre.size // 6)
-                marks = {"lw": 1.4, "marker": _MARKS[way], "ms": 5}
-                marks["markevery"] = (every // 2, every)
-                # An underscore keeps the second one out of the legend.
-                marks["label"] = name if way > 0 else f"_{name} backwards"
-            ax.plot(found.centre, found.median, **style, **marks, gid=_MEDIAN)
+                marks |= {"lw": 1.4, "marker": _MARKS[way], "markevery": (every // 2, every)}
+            # An underscore keeps the second one out of the legend.
+            label = f"_{name} backwards" if way < 0 else name
+            ax.plot(found.centre, found.median, **style, **marks, label=label, gid=_MEDIAN)
     if by == "reversal" and known.size:
         ax.set_xscale("log")
         ax.set_xticks([], minor=True)
     _fit_force(before, ax)
-    ax.set_xlabel(name_of_place.format(length=length))
-    if labels:
-        ax.set_ylabel(f"force residual [{force}]")
-    if labels and not wide:
-        legend_above(ax)
-    elif labels:
+    name = f"force residual [{force}]" if labels else ""
+    labelled(ax, name_of_place.format(length=length), name, legend=labels and not wide)
+    if labels and wide:
         # It runs on over the neighbours: room above is kept by an empty title.
         ax.set_title(" ", fontsize="medium")
         style = {"fontsize": "small", "frameon": False, "borderaxespad": 0.1, "markerscale": 4}
@@ -291,16 +275,15 @@ def _fit_force(before: Evidence, ax: Any) -> None:
 def draw_levels(d: Findings, ax: Any) -> None:
     """Coulomb level over the range of the record, nominal and with the causes."""
     length, force = d.axis.units
-    table = wording.level_table(d, _LEVEL_POINTS)
+    table = wording.level_table(d, points=49)
     sides = (("believed", BEFORE, "nominal"), ("found", AFTER, "with the causes"))
     for side, style, name in sides:
         for way, word in wording.WAYS:
             # Marks of the two ways stand side by side where their lines coincide; an
             # underscore keeps the second one out of the legend.
-            marks = {"lw": 1.6, "marker": _MARKS[way], "ms": 6}
-            marks["markevery"] = (2 if way > 0 else 5, 9)
-            marks["label"] = name if way > 0 else f"_{name}, {word}"
-            ax.plot(table["x"], table[side][word], **style, **marks)
+            marks = {"marker": _MARKS[way], "ms": 6, "markevery": (2 if way > 0 else 5, 9)}
+            label = name if way > 0 else f"_{name}, {word}"
+            ax.plot(table["x"], table[side][word], **style, **marks, lw=1.6, label=label)
     most = max(float(np.max(line.get_ydata())) for line in ax.lines)
     ax.set_ylim(0.0, 1.15 * most if most > 0.0 else 1.0)
     ax.margins(x=0.01)
@@ -335,11 +318,8 @@ def draw_autocorrelation(before: Evidence, after: Evidence | None, ax: Any) -> N
 def falls(d: Findings) -> dict[str, float]:
     """What every candidate gains alone, by id, the most first: `MEASURE`."""
     table = {slug: s for slug, s in d.scores.items() if slug and np.isfinite(s)}
-    # Where the axis with its base parameters fitted was not tried, the worst candidate.
-    reference = d.scores.get("", max(table.values(), default=0.0))
-    return {
-        s: wording.gain_of(d, reference - table[s]) for s in sorted(table, key=table.__getitem__)
-    }
+    order = sorted(table, key=table.__getitem__)
+    return {slug: wording.gain_of(d, d.scores[""] - table[slug]) for slug in order}
 
 
 def any_bar(d: Findings) -> bool:
@@ -350,9 +330,13 @@ def any_bar(d: Findings) -> bool:
 
 def no_bar_text(d: Findings) -> str:
     """What stands in place of the bars, with the causes that help in combination."""
+    text = (
+        "No candidate alone gains more than chance over refitting mass, viscous friction and "
+        "Coulomb level."
+    )
     if not d.scores.keys() & {cause.effect for cause in d.causes} or len(d.causes) < 2:
-        return _NO_BAR
-    return f"{_NO_BAR} In combination: {' + '.join(cause.title for cause in d.causes)}."
+        return text
+    return f"{text} In combination: {' + '.join(cause.title for cause in d.causes)}."
 
 
 def _kinds(d: Findings) -> dict[str, str]:
@@ -374,11 +358,10 @@ def others_text(d: Findings) -> str:
     top = _top(d)
     hidden = {slug: value for slug, value in falls(d).items() if slug not in top}
     better = {slug: value for slug, value in hidden.items() if value >= LEAST}
-    rest = [title_of(slug) for slug in hidden if slug not in better]
     next_ones = f"Next, at most {plain(max(better.values(), default=0.0))}: "
-    lines = {next_ones: map(title_of, better), "No better on their own: ": rest}
-    found = ((head, ", ".join(names)) for head, names in lines.items())
-    return " ".join(f"{head}{names}." for head, names in found if names)
+    rest = [slug for slug in hidden if slug not in better]
+    lines = {next_ones: [*better], "No better on their own: ": rest}
+    return " ".join(f"{head}{', '.join(map(title_of, s))}." for head, s in lines.items() if s)
 
 
 def draw_candidates(d: Findings, ax: Any) -> None:
@@ -392,8 +375,7 @@ def draw_candidates(d: Findings, ax: Any) -> None:
         ax.set_axis_off()
         return
     rank = {cause.effect: f"{i}. " for i, cause in enumerate(d.main_causes, start=1)}
-    kinds, named = _kinds(d), set()
-    times = _top(d)
+    kinds, named, times = _kinds(d), set(), _top(d)
     for row, (slug, value) in enumerate(times.items()):
         if value < LEAST:
             # Alone it does no better than other base parameters: no bar to the left,

@@ -66,9 +66,8 @@ class Cause(Result):
     standard_errors: dict[str, float] = stated("From blocks of the record; infinite: undetermined.")
     units: dict[str, str] = stated("Units of the parameters.")
     held_out_gain: float = stated(
-        "Fall of the mean log score log(1 + (error/noise)^2 / 4) of free runs that the fit did not "
-        "see, when this cause joins the others; where the likelihood decided, twice its gain per "
-        "sample, which is of one-step predictions."
+        "Twice the gain of log-likelihood per sample, of one-step predictions that the fit did not "
+        "see, when this cause joins the others."
     )
     interval: tuple[float, float] = stated("90 % interval of `held_out_gain`.")
     alternatives: tuple[str, ...] = stated("Effects that explain this record equally well.")
@@ -186,7 +185,7 @@ class Findings:
     remaining: Remaining = stated("The random force that is left.", default_factory=Remaining)
     references: dict[str, float] = stated(
         "Gain of log-likelihood of the answer over the nominal axis and over a straight line, "
-        "which ignores the drive; empty where free runs decided.",
+        "which ignores the drive.",
         default_factory=dict,
     )
     varies: dict[str, dict[str, list[float]]] = stated(

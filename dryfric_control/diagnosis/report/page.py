@@ -68,13 +68,9 @@ def _words(context: Any, value: Any) -> str:
     return typeset(rotary_words(value, context["force"]))
 
 
-def _as_html(rows: list[tuple[str, ...]]) -> Markup:
-    return Markup(table(rows, as_html=True))
-
-
 _TEMPLATES.filters |= {
-    "typeset": typeset, "words": _words, "html_table": _as_html, "titles": titles_of,
-    "plain": plain, "length": length_text,
+    "typeset": typeset, "words": _words, "titles": titles_of, "plain": plain, "length": length_text,
+    "html_table": lambda rows: Markup(table(rows, as_html=True)),
 }  # fmt: skip
 _TEMPLATES.globals |= {
     "br": Markup("<br>"), "say": wording, "parameter_texts": parameter_texts, "MEANING": MEANING,
@@ -135,30 +131,27 @@ def _acting_rows(d: Findings) -> list[tuple[str, ...]]:
     """Values that act in each direction, all effects included."""
     length, force = d.axis.units
     believed, found = d.axis.effective(), d.extended.effective()
-    rows: list[tuple[str, float, float, str]] = [
-        (rotary_words("mass", force), believed.mass, found.mass, d.axis.unit("kg"))
-    ]
+    head = ("friction, effects included", "nominal", "with the causes", "change")
+    cells: list[tuple[str, ...]] = [head]
+
+    def row(name: str, before: float, after: float, unit: str) -> None:
+        suffix = "" if unit == "1" else f" {unit}"
+        differs = abs(after - before) > 1e-9 * abs(before)
+        change = change_text("amount", before, after) if differs else "none"
+        cells.append((name, f"{before:.4g}{suffix}", f"{after:.4g}{suffix}", change))
+
+    row(rotary_words("mass", force), believed.mass, found.mass, d.axis.unit("kg"))
     for sign, way in wording.WAYS:
         before, after = (wording.viscous_coefficient(axis, sign) for axis in (believed, found))
-        rows.append((f"viscous friction {way}", before, after, f"{force} s/{length}"))
+        row(f"viscous friction {way}", before, after, f"{force} s/{length}")
     table = wording.level_table(d)
     places = range(3) if wording.level_varies(table, in_place=True) else (1,)
     for _, way in wording.WAYS:
         for i in places:
             where = f" at x = {table['x'][i]:.3g} {length}" if len(places) > 1 else ""
             before, after = (table[side][way][i] for side in ("believed", "found"))
-            rows.append((f"Coulomb level {way}{where}", before, after, force))
-    if believed.stribeck and found.stribeck:
-        peaks = believed.stribeck, found.stribeck
-        rows.append(("Stribeck excess", peaks[0].excess, peaks[1].excess, "1"))
-        rows.append(("Stribeck velocity", peaks[0].speed, peaks[1].speed, f"{length}/s"))
-
-    cells: list[tuple[str, ...]] = [
-        ("friction, effects included", "nominal", "with the causes", "change")
-    ]
-    for name, before, after, unit in rows:
-        suffix = "" if unit == "1" else f" {unit}"
-        differs = abs(after - before) > 1e-9 * abs(before)
-        change = change_text("amount", before, after) if differs else "none"
-        cells.append((name, f"{before:.4g}{suffix}", f"{after:.4g}{suffix}", change))
+            row(f"Coulomb level {way}{where}", before, after, force)
+    if (one := believed.stribeck) and (other := found.stribeck):
+        row("Stribeck excess", one.excess, other.excess, "1")
+        row("Stribeck velocity", one.speed, other.speed, f"{length}/s")
     return cells

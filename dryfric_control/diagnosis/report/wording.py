@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.causes import GAIN
@@ -30,10 +29,8 @@ _BY_A_FORCE = (
     'which value is right, such as known=("mass",).'
 )
 
-
 # Relative change of a base parameter that is reported although no cause names it.
 _MOVED = 0.01
-
 #: Directions of motion in words.
 WAYS = ((1, "forwards"), (-1, "backwards"))
 
@@ -58,13 +55,12 @@ def check_text(d: Findings) -> str:
     return "nothing, as long as it moves as in this record; other motions are not tested."
 
 
-def levels(axis: FrictionAxis, x: ArrayLike, direction: int) -> Floats:
-    """Coulomb level in one direction at time zero, without load and Stribeck peak, shape (n,)."""
+def levels(axis: FrictionAxis, x: Floats, direction: int) -> list[float]:
+    """Coulomb level in one direction at time zero, without load and Stribeck peak."""
     acting = axis.effective()
     kept = tuple(e for e in acting.effects if e.action == "friction")
     block = acting.replace(stribeck=None, effects=kept).mode(direction)
-    places = np.atleast_1d(np.asarray(x, dtype=float))
-    return np.array([direction * block.output(0.0, [place, 0.0], [0.0])[2] for place in places])
+    return [float(direction * block.output(0.0, [place, 0.0], [0.0])[2]) for place in x]
 
 
 def viscous_coefficient(axis: FrictionAxis, direction: int) -> float:
@@ -76,10 +72,9 @@ def viscous_coefficient(axis: FrictionAxis, direction: int) -> float:
 def level_table(d: Findings, points: int = 3) -> dict[str, Any]:
     """Coulomb levels, by side and direction, at "x", positions over the range of the record."""
     x = np.linspace(float(d.record.x.min()), float(d.record.x.max()), points)
-    sides = {"believed": d.axis, "found": d.extended}
-    return {"x": x.tolist()} | {
-        side: {way: levels(axis, x, s).tolist() for s, way in WAYS} for side, axis in sides.items()
-    }
+    sides = (("believed", d.axis), ("found", d.extended))
+    table = {side: {way: levels(axis, x, s) for s, way in WAYS} for side, axis in sides}
+    return {"x": x.tolist(), **table}
 
 
 def level_varies(table: dict[str, Any], in_place: bool = False) -> bool:
@@ -107,8 +102,7 @@ def level_text(table: dict[str, Any], side: str, units: tuple[str, str]) -> str:
 
 def meaning(d: Findings, cause: Cause) -> list[str]:
     """What a cause comes to in the axis, a line each; none where its parameters say it."""
-    lines = []
-    effect = d.extended.named_effects().get(cause.effect)
+    lines, effect = [], d.extended.named_effects().get(cause.effect)
     if effect is not None and effect.viscous_in(1) != 0.0:
         unit = d.axis.unit("N s/m")
         sides = []
@@ -265,7 +259,11 @@ def further_lines(d: Findings) -> list[str]:
         head = "gain of log-likelihood over references (positive: better than the reference)"
         gains = ", ".join(f"{name} {gain:+z.0f}" for name, gain in d.references.items())
         lines.append(f"{head}: {gains}")
-    if moved := also_moved(d):
+    named = {name for cause in d.causes for name in cause.parameters} | set(d.varies)
+    names = [name for name in BASE if name not in named]
+    pairs = zip(names, values_of(d.axis, names), values_of(d.extended, names), strict=True)
+    moved = {name: after / before - 1.0 for name, before, after in pairs if before > 0.0}
+    if moved := {name: part for name, part in moved.items() if abs(part) > _MOVED}:
         head = "also changed in the extended model, by less than the remaining force shows"
         changes = ", ".join(f"{name} {100.0 * part:+.2g} %" for name, part in moved.items())
         lines.append(f"{head}: {changes}")
@@ -275,14 +273,6 @@ def further_lines(d: Findings) -> list[str]:
         ratio = f" (largest: {most / least:.3g} of the smallest)" if least * most > 0.0 else ""
         lines.append(f"differs from record to record: {name} = {values}{ratio}")
     return lines
-
-
-def also_moved(d: Findings) -> dict[str, float]:
-    """Base parameters of the extended axis that no cause names, with their relative changes."""
-    named = {name for cause in d.causes for name in cause.parameters} | set(d.varies)
-    names = [name for name in BASE if name not in named]
-    pairs = zip(names, values_of(d.axis, names), values_of(d.extended, names), strict=True)
-    return {n: b / a - 1.0 for n, a, b in pairs if a > 0.0 and abs(b / a - 1.0) > _MOVED}
 
 
 def headline(d: Findings, most: int | None = None) -> str:

@@ -22,7 +22,7 @@ _DURATION, _MOST_SAMPLES = 8.0, 16_000
 # Fraction of the travel that motions keep free at each end.
 _MARGIN = 0.08
 # Ratio of the clamped-on mass to that of the axis, and of the known force to the Coulomb level.
-ADDED_MASS, KNOWN_FORCE = 0.5, 0.5
+_ADDED_MASS, _KNOWN_FORCE = 0.5, 0.5
 
 
 @dataclass(frozen=True)
@@ -48,31 +48,21 @@ class Limits:
         )
 
 
-@dataclass(frozen=True)
 class Stage:
-    """The axis and the limits for which an excitation is designed."""
+    """The axis and the limits for which an excitation is designed, sampled at `dt`."""
 
-    limits: Limits
-    axis: FrictionAxis  # from which distances and forces are chosen
-    t: Floats  # time [s], shape (n,)
-    duration: float  # length of the experiment [s]
-    middle: float  # of the travel [m]
-    reach: float  # largest distance of motions from the middle [m]
-    level: float  # Coulomb level in the middle [N]
-    spare: float  # drive in excess of the friction [N]
-    added_mass: float  # clamped on [kg]
-    known_force: float  # added [N]
-
-    @classmethod
-    def of(cls, axis: FrictionAxis, limits: Limits, dt: float) -> Stage:
-        """Stage for an axis within limits, sampled at `dt`."""
-        axis, (low, high), drive = axis.effective(), limits.travel, limits.drive
-        middle, reach = 0.5 * (low + high), (0.5 - _MARGIN) * (high - low)
-        level = 0.5 * float(np.sum([axis.coulomb(np.array([middle]), s) for s in (1, -1)]))
-        t = np.asarray(dt * np.arange(min(samples(_DURATION, dt), _MOST_SAMPLES)))
-        mass, force = ADDED_MASS * axis.mass, KNOWN_FORCE * min(max(level, 0.05 * drive), drive)
-        spare = max(drive - level, 0.2 * drive)
-        return cls(limits, axis, t, float(t[-1]), middle, reach, level, spare, mass, force)
+    def __init__(self, axis: FrictionAxis, limits: Limits, dt: float) -> None:
+        (low, high), drive = limits.travel, limits.drive
+        self.limits, self.axis = limits, axis.effective()
+        self.t = np.asarray(dt * np.arange(min(samples(_DURATION, dt), _MOST_SAMPLES)))
+        self.duration = float(self.t[-1])
+        self.middle = 0.5 * (low + high)
+        self.reach = (0.5 - _MARGIN) * (high - low)  # largest distance from the middle
+        levels = [self.axis.coulomb(np.array([self.middle]), s) for s in (1, -1)]
+        self.level = 0.5 * float(np.sum(levels))  # Coulomb level in the middle
+        self.spare = max(drive - self.level, 0.2 * drive)  # drive in excess of the friction
+        self.added_mass = _ADDED_MASS * self.axis.mass
+        self.known_force = _KNOWN_FORCE * min(max(self.level, 0.05 * drive), drive)
 
 
 def _zigzag(stage: Stage, speed: float, reach: float) -> Floats:
@@ -196,8 +186,7 @@ class KnownForce(BiasForce):
 
 
 def _heavier(stage: Stage, axis: FrictionAxis) -> FrictionAxis:
-    own = axis.effective()
-    return own.replace(mass=own.mass + stage.added_mass)
+    return axis.effective().replace(mass=axis.effective().mass + stage.added_mass)
 
 
 def _pulled(stage: Stage, axis: FrictionAxis) -> FrictionAxis:

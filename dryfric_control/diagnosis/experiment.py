@@ -15,7 +15,7 @@ from dryfric_control.arrays import Floats
 from dryfric_control.checks import instance
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.simulated_trial import Refit, Staged, mean_squares, staged
-from dryfric_control.drawing import DASHES, legend_above, panels
+from dryfric_control.drawing import DASHES, legend_above, over_time, panels
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of, titles_of
 from dryfric_control.records.record import Record
@@ -26,12 +26,8 @@ from dryfric_control.units import check_units
 
 # Mean of log(1 + (error/quantum)^2) over the windows, the largest left out (one mistimed
 # breakaway is no evidence), from which hypotheses differ: about two windows in thirty off
-# by five quanta.
-_SEPARATE = 0.1
-# RMS error of all windows in encoder quanta up to which hypotheses cannot be separated.
-_SEEN = 1.0
-
-
+# by five quanta; RMS error in quanta up to which they cannot be separated.
+_SEPARATE, _SEEN = 0.1, 1.0
 _none = functools.partial(np.empty, 0)
 
 
@@ -44,22 +40,13 @@ class Experiment(Result):
 
     Examples
     --------
-    Drag against a wrong viscous coefficient: what to do on the bench:
-
-    >>> import numpy as np
-    >>> import dryfric_control as dfc
-    >>> base = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-0.2, 0.2))
-    >>> drag = base.replace(effects=(dfc.effects.QuadraticDrag(drag=5.0),))
-    >>> fast = base.replace(viscous=16.0)
-    >>> t = 1e-3 * np.arange(4000)
-    >>> u = 20.0 * np.sin(2 * np.pi * 2.0 * t)
-    >>> x = 1e-6 * np.round(1e6 * drag.simulate(u, dt=1e-3).y[0])
-    >>> plan = dfc.next_experiment(drag, [fast], dfc.Record(t, u, x),
-    ...                            names=["quadratic_drag", "viscous"])
-    >>> plan.cause, list(plan.score)
-    ('quadratic_drag', ['viscous'])
-    >>> plan.t.shape == plan.reference.shape
-    True
+    >>> from dryfric_control.diagnosis import Experiment
+    >>> plan = Experiment(
+    ...     name="crawl", title="crawl", description="Crawl both ways.", separates=("spring",),
+    ...     score={"spring": 40.0}, tried={"crawl": 90.0}, cause="bias_force", units=("m", "N"))
+    >>> print(plan.summary())
+    crawl: Crawl both ways. It separates bias force from spring
+    (they differ by 40 encoder quanta RMS).
     """
 
     name: str = stated(
@@ -129,10 +116,9 @@ class Experiment(Result):
                 "this experiment is a change of the bench and has no reference to write: "
                 "read its description"
             )
-        columns, head = [self.t, self.reference], "t,reference"
-        if self.force is not None:
-            columns, head = [*columns, self.force], f"{head},force"
-        table = np.column_stack(columns)
+        columns = {"t": self.t, "reference": self.reference}
+        columns |= {} if self.force is None else {"force": self.force}
+        table, head = np.column_stack([*columns.values()]), ",".join(columns)
         with replacing(path) as part:
             np.savetxt(part, table, fmt="%.9g", delimiter=",", header=head, comments="")
 
@@ -143,9 +129,8 @@ class Experiment(Result):
         if not self.t.size:
             for one in axes:
                 one.set_axis_off()
-            words = textwrap.fill(self.description, 90)
-            place = axes[0].transAxes
-            axes[0].text(0.0, 0.9, words, transform=place, va="top", fontsize="small")
+            style = {"transform": axes[0].transAxes, "va": "top", "fontsize": "small"}
+            axes[0].text(0.0, 0.9, textwrap.fill(self.description, 90), **style)
             return self.title
         axes[0].plot(self.t, self.reference, color="0.6", linewidth=1.5, label="reference")
         for i, name in enumerate(self.positions):
@@ -156,12 +141,8 @@ class Experiment(Result):
         if self.force is not None:
             axes[1].plot(self.t, self.force, color="0.6", linewidth=1.0, label="added force")
             legend_above(axes[1])
-        axes[0].set_ylabel(f"position [{length}]")
-        axes[1].set_ylabel(f"drive force [{force}]")
-        axes[1].set_xlabel("Time [s]")
+        over_time(axes, (f"position [{length}]", f"drive force [{force}]"))
         legend_above(axes[0])
-        for one in axes:
-            one.margins(x=0.0)
         return self.title
 
 
@@ -206,9 +187,8 @@ def next_experiment(
     encoder, with every hypothesis in turn as the truth, and reduced in size until all of them
     keep the limits.  The other hypothesis is then simulated freely over windows of it from the
     true states, after a refit of its parameters that must keep its prediction of the known
-    record.  The distance of the two is the mean of log(1 + (error/quantum)^2) without the largest
-    window, the smaller of both directions.  A straight line in time is removed from the error of
-    every window first, as another start state could explain it.
+    record.  The distance of the two is the mean of log(1 + (error/quantum)^2), net of a straight
+    line in time, without the largest window, the smaller of both directions.
 
     Experiments that need a known mass or force are tried only if no other separates the causes.
     If these do not either, the causes are equivalent on this bench, and the answer is in words.
@@ -230,12 +210,12 @@ def next_experiment(
     >>> found.separates, found.score["spring"] > 10.0
     (('spring',), True)
     """
-    rivals = _checked(axis, rivals, record, limits)
-    names = _named(axis, rivals, names)
-    if not rivals:
+    axes = _checked(axis, rivals, record, limits)
+    names = _named(axes, names)
+    if len(axes) == 1:
         return None
-    stage = Stage.of(axis, limits or Limits.of(axis, record), record.dt)
-    tried, chosen, left = _search([axis, *rivals], record, stage)
+    stage = Stage(axis, limits or Limits.of(axis, record), record.dt)
+    tried, chosen, left = _search(axes, record, stage)
     if chosen is None or not any(pair.separate for pair in left):
         return _change_of_bench(names, tried, axis.units)
     score = {name: pair.rms * pair.separate for name, pair in zip(names[1:], left, strict=True)}
@@ -268,7 +248,7 @@ def _search(
         some = [e for e in EXCITATIONS if (e.change is not None) == changed]
         made = (staged(e, stage, axes, quantum, record.dt) for e in some)
         stages = [one for one in made if one is not None]
-        raw = [[_apart(one, i, quantum) for i in range(1, len(axes))] for one in stages]
+        raw = [_distances(one, quantum) for one in stages]
         for one, pairs in zip(stages, raw, strict=True):
             tried[one.excitation.name] = min(pair.rms for pair in pairs)
         # A refit can only bring hypotheses closer: the distance before it is an upper bound,
@@ -277,7 +257,7 @@ def _search(
         for k in ranked(-np.array(upper)):
             if not above(upper[k], best):
                 break
-            pairs = _after_refit(stages[k], refits, raw[k], quantum)
+            pairs = _distances(stages[k], quantum, refits, raw[k])
             if above(_worth(pairs), best):
                 best, chosen, left = _worth(pairs), stages[k], pairs
         if left and all(pair.separate for pair in left):
@@ -308,24 +288,25 @@ def _worth(pairs: Sequence[Distance]) -> float:
     return float(np.mean([pair.part / (1.0 + pair.part) for pair in pairs]))
 
 
-def _apart(one: Staged, rival: int, quantum: float) -> Distance:
-    """Distance of a rival from the named cause without refit, smaller of both directions."""
-    return min(
-        Distance.of(mean_squares(one.trials[truth].errors(one.axes[other])), quantum)
-        for truth, other in ((0, rival), (rival, 0))
-    )
-
-
-def _after_refit(
-    one: Staged, refits: Sequence[Refit], raw: Sequence[Distance], quantum: float
+def _distances(
+    one: Staged, quantum: float, refits: Sequence[Refit] = (), raw: Sequence[Distance] = ()
 ) -> list[Distance]:
-    """Distance of every rival from the named cause, with the other hypothesis refitted."""
+    """Distance of every rival from the named cause, smaller of both directions.
+
+    `refits`: of every hypothesis, to what the other one does; `raw`: the distances without.
+    """
     found = []
-    for rival, worst in enumerate(raw, start=1):
+    for rival in range(1, len(one.axes)):
+        worst = raw[rival - 1] if raw else Distance(np.inf, np.inf)
         for truth, other in ((0, rival), (rival, 0)):
-            if worst.part > _SEPARATE:
-                squares = refits[other].best(one, one.trials[truth])
-                worst = min(worst, Distance.of(squares, quantum))
+            trial = one.trials[truth]
+            if not refits:
+                squares = mean_squares(trial.errors(one.axes[other]))
+            elif worst.part > _SEPARATE:
+                squares = refits[other].best(one, trial)
+            else:
+                break
+            worst = min(worst, Distance.of(squares, quantum))
         found.append(worst)
     return found
 
@@ -357,7 +338,7 @@ def _change_of_bench(
 
 
 def _checked(axis: Any, rivals: Any, record: Any, limits: Any) -> tuple[FrictionAxis, ...]:
-    """The rivals, and every argument of its kind."""
+    """The axes of all hypotheses, and every argument of its kind."""
     instance("axis", axis, FrictionAxis)
     rivals = (rivals,) if isinstance(rivals, FrictionAxis) else rivals
     if not isinstance(rivals, Iterable):
@@ -369,26 +350,23 @@ def _checked(axis: Any, rivals: Any, record: Any, limits: Any) -> tuple[Friction
     check_units(axis, record)
     if limits is not None:
         instance("limits", limits, Limits, "Limits(travel=..., drive=..., speed=...)")
-    return rivals
+    return axis, *rivals
 
 
-def _named(
-    axis: FrictionAxis, rivals: Sequence[FrictionAxis], names: Sequence[str] | None
-) -> list[str]:
+def _named(axes: Sequence[FrictionAxis], names: Sequence[str] | None) -> list[str]:
     """The given names, or those of the effects by which the axes differ."""
-    count = 1 + len(rivals)
     if names is not None:
         if isinstance(names, str) or not isinstance(names, Sequence):
             raise ValueError(f"names must be a sequence of names, got {names!r}")
         if not all(isinstance(name, str) for name in names):
             raise ValueError(f"names must hold names in text, got {names!r}")
-        if len(names) != count or len(set(names)) != count:
+        if not len(names) == len(set(names)) == len(axes):
             raise ValueError(
-                f"names must hold {count} different names, of the cause and of each rival, "
+                f"names must hold {len(axes)} different names, of the cause and of each rival, "
                 f"got {list(names)!r}"
             )
         return list(names)
-    contents = [one.named_effects() for one in (axis, *rivals)]
+    contents = [one.named_effects() for one in axes]
     common = set.intersection(*map(set, contents))
     found: list[str] = []
     for i, content in enumerate(contents):

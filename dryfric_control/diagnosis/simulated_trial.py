@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from dryfric_control.arrays import Bools, Floats
 from dryfric_control.compiled.axis_step import TooManySwitchesError
 from dryfric_control.compiled.windowed_runs import Windowed
 from dryfric_control.diagnosis.candidates import BASE, own_names
-from dryfric_control.diagnosis.excitations import Excitation, Stage
+from dryfric_control.diagnosis.excitations import Excitation, Limits, Stage
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.parameters import Parameter, values_of
 from dryfric_control.estimation.windows import cut, positions
@@ -21,9 +22,6 @@ from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.records.motion import latest
 from dryfric_control.records.record import Record
 from dryfric_control.ties import NEAR, above, samples
-
-# All of these are set by `benchmarks/diagnosis.py`, by the records on which an experiment
-# is proposed, and constrained by tests/diagnosis/test_next_experiment.py.
 
 # Length of the free runs [s], and their least number of samples.
 _WINDOW, _FEWEST = 0.25, 20
@@ -59,21 +57,16 @@ class Runs:
         return out.reshape(self.active.size, -1)[self.active]
 
     def errors(self, axis: FrictionAxis) -> Floats:
-        """Position errors of an axis, shape (nactive, length)."""
-        return _unbent(self.positions(axis) - self.truth)
+        """Position errors of an axis, without a line that another start state could explain."""
+        errors = self.positions(axis) - self.truth
+        q, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, errors.shape[1]), 2))
+        return np.asarray(errors - (errors @ q) @ q.T)
 
 
 def _windowed(u: Floats, dt: float, length: int, x0: Floats, v0: Floats, rest: Floats) -> Windowed:
     """Windows of `length` samples each, from known states."""
     edges, sure = length * np.arange(x0.size + 1), np.zeros(x0.size)
     return Windowed(u, u, 0.0, dt, False, edges, x0, v0, sure, sure, rest)
-
-
-def _unbent(errors: Floats) -> Floats:
-    """Errors of windows without the straight line that another start state could explain."""
-    line = np.vander(np.linspace(-1.0, 1.0, errors.shape[1]), 2)
-    q, _ = np.linalg.qr(line)
-    return np.asarray(errors - (errors @ q) @ q.T)
 
 
 def mean_squares(errors: Floats) -> Floats:
@@ -89,23 +82,24 @@ class Trial(Runs):
     v: Floats
     u: Floats  # drive force as commanded
 
+    def within(self, limits: Limits) -> bool:
+        """Whether travel and speed keep the limits."""
+        low, high = limits.travel
+        inside = low <= self.x.min() and self.x.max() <= high
+        return bool(inside and np.abs(self.v).max() <= limits.speed)
+
 
 def simulate(
-    axis: FrictionAxis,
-    controller: PositionController,
-    reference: Floats,
-    force: Floats,
-    quantum: float,
+    axis: FrictionAxis, loop: PositionController, reference: Floats, force: Floats, quantum: float
 ) -> Trial:
     """Simulate an experiment on an axis, and cut it into windows."""
     with warnings.catch_warnings():
         # The caller rejects a trial that exceeds its limits.
         warnings.filterwarnings("ignore", "the loop diverges", RuntimeWarning)
-        run = simulate_loop(
-            axis, controller, reference, quantum, x0=float(reference[0]), disturbance=force
-        )
+        begin = float(reference[0])
+        run = simulate_loop(axis, loop, reference, quantum, x0=begin, disturbance=force)
     x, v, mode = run.y[0].copy(), run.y[1].copy(), run.y[3]
-    u, dt = run.y[4] + force, controller.dt
+    u, dt = run.y[4] + force, loop.dt
     length = max(min(samples(_WINDOW, dt), x.size // 4), min(_FEWEST, x.size // 4))
     count = x.size // length
     starts = length * np.arange(count)
@@ -131,8 +125,7 @@ def staged(
     excitation: Excitation, stage: Stage, axes: Sequence[FrictionAxis], quantum: float, dt: float
 ) -> Staged | None:
     """An excitation at the largest size that keeps the limits with every hypothesis, if any."""
-    limits, (low, high) = stage.limits, stage.limits.travel
-    changed = [excitation.changed(stage, axis) for axis in axes]
+    limits, changed = stage.limits, tuple(excitation.changed(stage, axis) for axis in axes)
     bandwidth = min(_PACE / dt, _BRISK)
     gains = PositionController.from_bandwidth(stage.axis, bandwidth, dt, limits.drive)
     for size in _SIZES:
@@ -140,19 +133,14 @@ def staged(
         left = limits.drive - float(np.abs(force).max())
         if left <= 0.0:
             continue
-        controller = replace(gains, limit=left)
-        trials = []
-        for axis in changed:
-            try:
-                trial = simulate(axis, controller, reference, force, quantum)
-            except TooManySwitchesError:
-                break  # the loop runs away with this hypothesis
-            inside = low <= trial.x.min() and trial.x.max() <= high
-            if not (inside and np.abs(trial.v).max() <= limits.speed):
-                break
-            trials.append(trial)
-        else:
-            return Staged(excitation, stage, reference, force, tuple(changed), tuple(trials))
+        loop = replace(gains, limit=left)
+        made = (simulate(axis, loop, reference, force, quantum) for axis in changed)
+        try:
+            trials = tuple(itertools.takewhile(lambda trial: trial.within(limits), made))
+        except TooManySwitchesError:
+            continue  # the loop runs away with a hypothesis
+        if len(trials) == len(changed):
+            return Staged(excitation, stage, reference, force, changed, trials)
     return None
 
 

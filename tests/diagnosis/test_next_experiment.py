@@ -169,7 +169,7 @@ def test_the_predictions_are_those_of_the_hypotheses(found):
     names, machine, rival, record, limits, experiment = found
     change = next(e.change for e in EXCITATIONS if e.name == experiment.name)
     if change is not None:
-        stage = Stage.of(machine, limits or Limits.of(machine, record), DT)
+        stage = Stage(machine, limits or Limits.of(machine, record), DT)
         machine, rival = change(stage, machine), change(stage, rival)
     x = experiment.positions[names[0]]
     own, other = (

@@ -238,14 +238,14 @@ def force_error(axis: dfc.FrictionAxis, record: Record) -> float:
     central differences; with these numbers least squares on the whole record
     gives back the published parameters.
     """
-    from dryfric_control.estimation.force_residual import forces
+    from dryfric_control.model.friction_curve import net_force
 
     b, a = butter(4, 2.0 * 100.0 * record.dt)
     x = filtfilt(b, a, record.x)
     v = np.gradient(x, record.dt)
     acceleration = np.gradient(v, record.dt)
     direction = np.where(v > 0.0, 1, -1)
-    needed = axis.mass * acceleration - forces(axis, x, v, np.zeros_like(v), direction)
+    needed = axis.mass * acceleration - net_force(axis, 0.0 * v, x, v, 0.0 * v, direction)
     thin = [decimate(y, 10, zero_phase=True)[7:-7] for y in (record.u, needed)]
     return float(100.0 * np.linalg.norm(thin[0] - thin[1]) / np.linalg.norm(thin[0]))
 

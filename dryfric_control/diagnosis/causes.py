@@ -1,63 +1,62 @@
-"""Description of a cause that was found, and a gain against errors of all base parameters.
-
-Motion depends only on the ratio of all forces to the gain: both may be scaled alike.
-"""
+"""From the model that a search has found to the causes, as a user reads them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from dryfric_control.diagnosis.candidates import SLUGS, effect_class, holds
+from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.report.findings import Cause
-from dryfric_control.estimation.parameters import values_of
+from dryfric_control.diagnosis.search import Model, Search, evidence
+from dryfric_control.diagnosis.thresholds import CLEAR, EQUAL, NOTABLE, RIGHT
+from dryfric_control.estimation.likelihood import BASE
+from dryfric_control.estimation.parameters import values_of, with_values
+from dryfric_control.estimation.scoring import FEW, SOME
+from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import InputGain
 from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.model.effects.levels import carrying
 from dryfric_control.model.effects.naming import named, title_of
 from dryfric_control.text import rotary_words
 
-#: The effect that scales every force of the drive.
-GAIN = "input_gain"
-#: Ratio of standard error to value beyond which a record hardly determines a parameter.
-HARDLY = 0.3
+#: The effect that scales every force of the drive, and the one that is equivalent where the drive
+#: never brakes.
+GAIN, _LOAD = "input_gain", "load_dependence"
+# Ratio of standard error to value beyond which a record hardly determines a parameter.
+_HARDLY = 0.3
 
 
 def cause_of(
     axis: FrictionAxis,
     slug: str,
     own: Mapping[str, str],
-    values: Mapping[str, float],
-    errors: Mapping[str, float],
-    units: Mapping[str, str],
+    fitted: Mapping[str, tuple[float, float, str]],
     gain: tuple[float, float],
     alternatives: Sequence[str] = (),
 ) -> Cause:
     """Cause `slug` from the results of a fit.
 
-    `own`: names of its parameters, mapped to those in the fit, by which `values`, `errors` and
-    `units` are; `gain`: on held-out data, with its standard error.
+    `own`: names of its parameters, mapped to those in the fit; `fitted`: value, standard error and
+    unit by the latter; `gain`: on held-out data, with its standard error.
     """
     effect = effect_class(slug)
-    title, explanation, experiment = (
-        rotary_words(text, axis.units[1])
-        for text in (title_of(slug), effect.explanation, effect.experiment)
-    )
+    texts = title_of(slug), effect.explanation, effect.experiment
+    title, explanation, experiment = (rotary_words(text, axis.units[1]) for text in texts)
     if holds(axis, slug):
         explanation = f"Already in the nominal axis, with other values. {explanation}"
+    values = {short: fitted[name][0] for short, name in own.items()}
+    errors = {short: fitted[name][1] for short, name in own.items()}
+    units = {short: fitted[name][2] for short, name in own.items()}
     mean, error = gain
+    interval = mean - 1.645 * error, mean + 1.645 * error
+    others = tuple(alternatives)
     return Cause(
-        effect=slug,
-        title=title,
-        parameters={short: float(values[name]) for short, name in own.items()},
-        standard_errors={short: errors[name] for short, name in own.items()},
-        units={short: units[name] for short, name in own.items()},
-        held_out_gain=mean,
-        interval=(mean - 1.645 * error, mean + 1.645 * error),
-        alternatives=tuple(alternatives),
-        explanation=explanation,
-        experiment=experiment,
+        slug, title, values, errors, units, mean, interval, others, explanation, experiment
     )
 
 
@@ -70,39 +69,162 @@ def hardly_determined(axis: FrictionAxis, causes: Sequence[Cause]) -> list[str]:
             if kinds.get(name, {}).get("kind") in ("place", "angle"):
                 continue
             nominal = getattr(present.get(cause.effect), name, 0.0)
-            if not cause.standard_errors[name] <= HARDLY * max(abs(value), abs(nominal)):
+            if not cause.standard_errors[name] <= _HARDLY * max(abs(value), abs(nominal)):
                 # A base parameter and its cause may have the same name.
                 full = name if name == cause.effect else f"{cause.effect}.{name}"
                 messages.append(f"{full} is hardly determined by this record")
     return messages
 
 
-def every(axis: FrictionAxis) -> list[str]:
-    """Base-parameter errors that together are equivalent to a gain; zero values stay zero."""
-    values = values_of(axis, tuple(SLUGS))
-    return [slug for slug, value in zip(SLUGS.values(), values, strict=True) if value > 0.0]
-
-
-def left_open(axis: FrictionAxis, told: Collection[str]) -> bool:
-    """Whether nothing separates a gain from base parameters, none of which is `told`."""
-    return not (axis.effects or {*told} & {*SLUGS})
-
-
-def or_a_gain(
-    axis: FrictionAxis,
-    wrong: Sequence[Cause],
-    scales: Callable[[Cause], Sequence[str]] = lambda cause: (GAIN,),
+def causes_of(
+    search: Search, model: Model, final: Solution, rivals: dict[str, dict[str, Solution]]
 ) -> list[Cause]:
-    """Wrong base parameters, with scales of the drive as alternatives if all are wrong."""
-    slugs, scaled = [cause.effect for cause in wrong], every(axis)
-    found = list(wrong)
+    """Causes of a model in the order found, and wrong base parameters."""
+    problem = search.problem
+    errors, units = final.standard_errors(), {p.name: p.unit for p in final.problem.parameters}
+    fitted = {n: (v, errors[n], units.get(n, "")) for n, v in final.values().items()}
+    # Motion depends only on the ratio of all forces to a gain: nothing separates it from errors of
+    # base parameters that together scale the others, if none of them is known.
+    gain_open = not problem.believed.effects and not {*problem.known, *problem.tolerance} & {*SLUGS}
+    every = [SLUGS[n] for n in SLUGS if float(values_of(problem.believed, [n])[0]) > 0.0]
+    found = []
+    for name in model.causes:
+        own = {n.partition(".")[2]: n for n in model.own(name) if n in fitted}
+        less, fall = search.less_by(name), np.zeros(1)
+        if less is not None and less.fit.point.out:
+            fall = less.fit.held_out() - model.fit.held_out()
+        fall = fall[np.isfinite(fall)]
+        size = 2.0 / problem.samples
+        gain = size * float(fall.sum()), size * float(np.std(fall) * math.sqrt(fall.size))
+        others = [*rivals.get(name, ()), *["+".join(every)] * (name == GAIN and gain_open)]
+        found.append(cause_of(problem.believed, name, own, fitted, gain, others))
+    wrong = _wrong_base(search, model, final, fitted)
+    if GAIN in model.causes or not gain_open:
+        return found + wrong
+    slugs = [cause.effect for cause in wrong]
     for i, cause in enumerate(wrong):
         # A scale brings one of them back to nominal; a value of zero cannot be scaled.
-        if {*scaled} <= {*slugs} and cause.effect in scaled and all(cause.parameters.values()):
+        if {*every} <= {*slugs} and cause.effect in every and all(cause.parameters.values()):
+            alike = _load_does_the_same(problem, model, final, *cause.parameters)
             rest = [s for s in slugs if s != cause.effect]
-            others = ("+".join([one, *rest]) for one in scales(cause))
-            found[i] = replace(cause, alternatives=(*cause.alternatives, *others))
-    return found
+            scales = ["+".join([one, *rest]) for one in (GAIN, _LOAD)[: 1 + alike]]
+            wrong[i] = replace(cause, alternatives=(*cause.alternatives, *scales))
+    if len(wrong) == 1 and not model.causes:
+        # One wrong base parameter may be an effect that was not needed beside it.
+        others = [*wrong[0].alternatives, *_instead(search, final, wrong[0])]
+        return [replace(wrong[0], alternatives=tuple(others))]
+    return found + wrong
+
+
+def _wrong_base(
+    search: Search, model: Model, final: Solution, fitted: Mapping[str, tuple[float, float, str]]
+) -> list[Cause]:
+    """Base parameters with a notable and significant error, as causes."""
+    problem, found = search.problem, []
+    for name in (n for n in problem.base if n in fitted):
+        nominal, (value, spread, _) = problem.nominal[name], fitted[name]
+        effect, _, part = name.partition(".")
+        change = value - nominal
+        if (
+            abs(change) <= RIGHT * abs(nominal)
+            or abs(change) < CLEAR * spread
+            or abs(change) * _size(search, name) < NOTABLE * final.random_force()
+            or (part and effect in model.causes)
+        ):
+            continue
+        # Quadratic for a small change; logarithmic for a large one, as without it the random
+        # force would grow.
+        wald = (change / max(spread, 1e-300)) ** 2
+        gain = math.log1p(wald / problem.samples)
+        error = 2.0 * math.sqrt(wald) / (problem.samples + wald)
+        slug, own = (effect, {part: name}) if part else (SLUGS[name], {name: name})
+        found.append((gain, cause_of(problem.believed, slug, own, fitted, (gain, error))))
+    return [cause for _, cause in sorted(found, key=lambda one: -one[0])]
+
+
+def _instead(search: Search, final: Solution, cause: Cause) -> tuple[str, ...]:
+    """Effects that explain the records as well as one wrong base parameter, held at nominal."""
+    problem = replace(search.problem, known=(*search.problem.known, *cause.parameters))
+    other = Search(problem, odds=dict(search.odds))
+    rows = other.round(Model(other.alone()))
+    alone = (row for row in rows if len(row.names) == 1 and not row.reason)
+    return tuple(row.names[0] for row in alone if row.fit.cost < final.cost + EQUAL)
+
+
+def _load_does_the_same(problem: Problem, model: Model, final: Solution, held: str) -> bool:
+    """Whether load-dependent friction, with base parameter `held` at nominal, fits as well."""
+    if _LOAD not in REGISTRY or _LOAD in model.causes or problem.late:
+        return False
+    values, nominal = final.values(), problem.nominal[held]
+    shares = [p.name for p in final.problem.parameters if p.kind == "share"]
+    scale = nominal / values[held]
+    if held == "mass" and shares:  # of the load in the mass
+        scale = 1.0 - (1.0 - scale) / values[shares[0]]
+    if not 0.0 < scale < 1.0:
+        return False
+    changed = {n: v for n, v in carrying(final.axis, scale).items() if n in values}
+    axis = with_values(final.axis, [*changed], [*changed.values()])
+    axis = axis.replace(effects=(*axis.effects, REGISTRY[_LOAD](**{"coefficient": 1.0 - scale})))
+    base = [n for n in problem.base if n != held]
+    free = (*problem.free_of(final), f"{_LOAD}.coefficient")
+    fit = problem.fit(axis, free, noises_of(final), SOME, base=base, each=each_of(final))
+    costs = [one.cost - one.problem.prior(one.z) for one in (fit, final)]
+    return costs[0] < costs[1] + EQUAL
+
+
+def _size(search: Search, name: str) -> float:
+    """RMS force per unit of a base parameter, or of an amount of a nominal effect."""
+    if name not in BASE:
+        return math.inf if search.view is None else search.view.force_per_unit(name)
+    if name == "coulomb":
+        return 1.0
+    smooth = [r.record.derivatives() for r in search.problem.runs]
+    rows = [one.a if name == "mass" else one.v for one in smooth]
+    return float(np.sqrt(np.mean(np.concatenate(rows) ** 2)))
+
+
+def varying(
+    problem: Problem, final: Solution
+) -> tuple[dict[str, dict[str, list[float]]], Solution]:
+    """Parameters that differ between records, with standard errors, and the fit with them."""
+    count = len(problem.runs)
+    now, own = final, list(problem.own)
+    free = problem.free_of(final)
+    names = [n for n in dict.fromkeys((*BASE, *free)) if n not in problem.known]
+    penalty = 0.5 * math.log(problem.samples) * (count - 1)
+    while count > 1 and not problem.late:
+        best: tuple[float, str, Solution] | None = None
+        for name in (n for n in names if n not in own):
+            one = replace(problem, own=(*own, name))
+            base = [n for n in BASE if n in names and (n in final.problem.names or n == name)]
+            settings = {"base": base, "wonder": False, "each": each_of(now)}
+            # Most parameters do not differ; a few iterations show it.
+            fit = one.fit(final.axis, free, noises_of(final), FEW, **settings)
+            if now.cost - fit.cost + 3.0 * fit.promised < penalty:
+                continue
+            fit = one.fit(fit.axis, free, noises_of(fit), SOME, **settings | {"each": each_of(fit)})
+            worth = evidence(now, fit, [penalty])
+            if worth > (best[0] if best else 0.0) and _separate(now, fit):
+                best = worth, name, fit
+        if best is None:
+            break
+        own.append(best[1])
+        now = best[2]
+    both = {"values": now.values(), "standard_errors": now.standard_errors()}
+    table = {
+        n: {what: [found[f"{n}@{i}"] for i in range(count)] for what, found in both.items()}
+        for n in own
+    }
+    return table, now
+
+
+def _separate(less: Solution, more: Solution) -> bool:
+    """Whether a further record-specific parameter leaves the others determined, and is itself."""
+    before, after, values = less.standard_errors(), more.standard_errors(), more.values()
+    new = [n for n in after if "@" in n and n not in before]
+    differ = float(np.ptp([values[n] for n in new]))
+    known = all(after[n] < 2.0 * before[n] for n in before if "@" in n)
+    return known and all(CLEAR * after[n] < differ for n in new)
 
 
 def scaled(axis: FrictionAxis, scale: float) -> FrictionAxis:

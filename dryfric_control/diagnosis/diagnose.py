@@ -18,8 +18,7 @@ from tqdm import tqdm
 
 from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
-from dryfric_control.diagnosis.answer import causes_of, varying
-from dryfric_control.diagnosis.causes import hardly_determined, rival
+from dryfric_control.diagnosis.causes import causes_of, hardly_determined, rival, varying
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, moving, quieter
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
@@ -41,7 +40,7 @@ from dryfric_control.diagnosis.thresholds import (
 from dryfric_control.diagnosis.verdict import Judged, judged, shows
 from dryfric_control.estimation.likelihood import prepare
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge
-from dryfric_control.estimation.plausibility import check_distinct, warn_if_implausible
+from dryfric_control.estimation.plausibility import checked_records, warn_if_implausible
 from dryfric_control.estimation.scoring import LAST, SOME
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut, shifted
@@ -179,19 +178,13 @@ def diagnose(
     limit = math.inf if time_limit is None else positive("time_limit", time_limit, unit="s")
     known, tolerance = checked_knowledge(known, tolerance)
     axis = axis.effective()
-    several = isinstance(record, (list, tuple))
-    records: list[Any] = list(record) if several else [record]  # type: ignore[arg-type]
-    if not records:
-        raise ValueError("record: the list of records is empty: give at least one")
-    for i, one in enumerate(records):
-        instance(f"record[{i}]" if several else "record", one, Record, "see dfc.read_record")
+    several, records = isinstance(record, (list, tuple)), list(checked_records(record))
     window = _window(axis, records) if window is None else window
     windows = []
     for i, one in enumerate(records):
         name = f"record[{i}]" if several else "record"
         windows.append(_cut(axis, one, window, hold, name, LEAST_WINDOWS // len(records)))
     _check_motion(windows, several)
-    check_distinct(records)
     if progress is None:
         # Other libraries import IPython too: show a bar only in a running shell.
         shell = sys.modules.get("IPython")
@@ -293,7 +286,7 @@ def _answered(
     varies: dict[str, dict[str, list[float]]] = {}
     if len(records) > 1 and not (late or interrupted):
         tell("differences between the records", model.causes)
-        varies, apart, _ = varying(problem, final)
+        varies, apart = varying(problem, final)
         if varies:
             heard = as_recorded(apart, recorded)
             found = judged(problem, windows, heard)

@@ -63,8 +63,8 @@ def unsound(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -> s
 def _pressed(fit: Solution, name: str) -> bool:
     """Whether data want a parameter beyond its bound, rather than leave it open."""
     slopes = fit.gradients.sum(axis=0) if fit.gradients.size else np.full(fit.z.size, np.inf)
-    rows = zip(fit.problem.names, slopes, strict=False)
-    return any(abs(slope) > _PRESSED for one, slope in rows if one == name)
+    own = np.array(fit.problem.names) == name
+    return bool(np.any(np.abs(slopes[: own.size][own]) > _PRESSED))
 
 
 def _loss(fit: Solution, name: str, neutral: float) -> float:
@@ -72,8 +72,7 @@ def _loss(fit: Solution, name: str, neutral: float) -> float:
     # Standard errors do not show it: where it acts at single events, differences have no slope.
     z, problem = fit.z.copy(), fit.problem
     for j, p in enumerate(problem.parameters):
-        if p.name == name:
-            z[j] = p.search(max(neutral, p.low))
+        z[j] = p.search(max(neutral, p.low)) if p.name == name else z[j]
     return problem.tried(np.clip(z, problem.low, problem.high)).cost - fit.cost
 
 

@@ -14,6 +14,7 @@ from dryfric_control.diagnosis.diagnose import diagnose, run_cases
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge, declared, values_of
+from dryfric_control.estimation.plausibility import checked_records
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.store.batch import fingerprint
@@ -71,20 +72,18 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
         if joint not in self.diagnoses:
             raise ValueError(f"joint {joint!r} is not there: it has {', '.join(self.diagnoses)}")
         d = self.diagnoses[joint]
-        errors: dict[str, float | None] = {n: e for n, e in d.standard_errors.items() if n != SHIFT}
-        names = [*(n for n in BASE if n not in errors), *errors]
+        names = [n for n in dict.fromkeys((*BASE, *d.standard_errors)) if n != SHIFT]
         axis, own = d.extended, d.extended.named_effects()
         found = {}
         for name, value in zip(names, values_of(axis, names), strict=True):
             effect, _, part = name.partition(".")
             unit = own[effect].units(axis.units)[part] if part else axis.unit(declared(name))
-            found[name] = (float(value), errors.get(name), unit)
-        return dict(sorted(found.items(), key=lambda one: one[0] not in BASE))
+            found[name] = (float(value), d.standard_errors.get(name), unit)
+        return found
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
-        rows: list[tuple[str, ...]] = [
-            ("joint", "verdict", "causes", "free runs", *BASE, "further parameters")
-        ]
+        head = ("joint", "verdict", "causes", "free runs", *BASE, "further parameters")
+        rows: list[tuple[str, ...]] = [head]
         for joint, d in self.diagnoses.items():
             numbers = {n: _number(*one) for n, one in self.parameters(joint).items()}
             further = [f"{n} {one}".rstrip() for n, one in numbers.items() if n not in BASE]
@@ -158,9 +157,8 @@ def diagnose_joints(
 
     >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> t = 2e-3 * np.arange(3000)
+    >>> t, axes = 2e-3 * np.arange(3000), {}
     >>> log = {"time": t}
-    >>> axes = {}
     >>> for joint, level in (("elbow", 1.5), ("wrist", 0.5)):
     ...     axes[joint] = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=level,
     ...                                    units=("rad", "N m"))
@@ -184,28 +182,14 @@ def diagnose_joints(
     for name, pair in joints.items():
         if not isinstance(pair, (tuple, list)) or len(pair) != 2:
             raise ValueError(f"joints[{name!r}] must be (axis, records), got {pair!r}")
-        axis, records = pair
-        instance(f"joints[{name!r}][0]", axis, FrictionAxis)
-        several: list[Any] = list(records) if isinstance(records, (list, tuple)) else [records]
-        for record in several:
-            instance(f"joints[{name!r}][1]", record, Record, "see dfc.read_record")
-        if not several:
-            raise ValueError(f"joints[{name!r}][1] is an empty list: give at least one record")
-        cases[name] = axis, tuple(several)
+        instance(f"joints[{name!r}][0]", pair[0], FrictionAxis)
+        cases[name] = pair[0], checked_records(pair[1], f"joints[{name!r}][1]")
     options = {"known": list(known), "tolerance": dict(tolerance), "time_limit": time_limit}
-    task = functools.partial(_found, options | {"window": window, "hold": hold})
-    found = run_cases(
-        task,
-        "joints",
-        cases,
-        window=window,
-        hold=hold,
-        settings={"task": "diagnose joints", **options},
-        store=store,
-        jobs=jobs,
-        progress=progress,
-        own=lambda axis: (fingerprint(axis),),
-    )
+    free_runs: dict[str, Any] = {"window": window, "hold": hold}
+    task = functools.partial(_found, options | free_runs)
+    run = free_runs | {"store": store, "jobs": jobs, "progress": progress}
+    run["settings"] = {"task": "diagnose joints", **options}
+    found = run_cases(task, "joints", cases, **run, own=lambda axis: (fingerprint(axis),))
     return JointDiagnoses({name: from_plain(one, _SAVED) for name, one in found.items()})
 
 

@@ -38,11 +38,10 @@ from dryfric_control.diagnosis.thresholds import (
     STRONG,
     WALKED,
 )  # fmt: skip
-from dryfric_control.estimation.continuation import LOUD, continued, held, with_force
 from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.random_force import long_run
-from dryfric_control.estimation.scoring import FEW, SOME, maximise
+from dryfric_control.estimation.scoring import FEW, SOME, continued, held, maximise, with_force
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named, renumbered
@@ -95,7 +94,7 @@ def walked(
     With a large random force the filter follows the readings and the cost is smooth, but for
     ridges that slopes do not cross.
     """
-    start = z = with_force(likelihood, z, LOUD)
+    start = z = with_force(likelihood, z)
     for factors in WALKED:
         for j, p in enumerate(likelihood.parameters):
             if p.name not in own or p.value(z[j]) == 0.0:

@@ -112,11 +112,6 @@ def _kernel(size: int, dt: float) -> Floats:
     return np.asarray(kernel / kernel.sum())
 
 
-def forces(axis: FrictionAxis, x: Floats, v: Floats, u: Floats, direction: Ints) -> Floats:
-    """Force on the sliding mass minus the drive, shape (n,)."""
-    return net_force(axis, np.zeros(x.size), x, v, u, direction) - u
-
-
 def applied(axis: FrictionAxis, x: Floats, v: Floats, u: Floats, actions: Sequence[str]) -> Floats:
     """Drive after its effects, and the forces of others, that act in some ways."""
     kept = tuple(e for e in axis.effects if e.action in actions)
@@ -145,7 +140,8 @@ def at_the_mass(
 def force_start(problem: Likelihood, z: Floats, records: Sequence[Record]) -> Floats:
     """Search coordinates that explain the drive of sliding samples, others as in z."""
     parts = [Sliding(r, _ENOUGH // len(records)) for r in records]
-    if sum(p.t.size for p in parts) < 10 * z.size:
+    count = sum(p.t.size for p in parts)
+    if count < 10 * z.size:
         return z
     low, high = problem.low[: z.size], problem.high[: z.size]
     scale = float(np.std(np.concatenate([p.u for p in parts]))) or 1.0
@@ -154,7 +150,7 @@ def force_start(problem: Likelihood, z: Floats, records: Sequence[Record]) -> Fl
         try:
             axis = problem.axis_at(point)
         except ValueError:
-            return np.full(sum(p.t.size for p in parts), 1e3)
+            return np.full(count, 1e3)
         return np.concatenate([p.force_residual(axis) for p in parts]) / scale
 
     def searched(start: Floats) -> OptimizeResult:

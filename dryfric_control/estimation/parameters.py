@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,15 +19,9 @@ from dryfric_control.records.record import Record
 from dryfric_control.units import powers
 
 #: Base parameters of the axis: their units.
-_BASE = {
-    "mass": "kg",
-    "viscous": "N s/m",
-    "coulomb": "N",
-    "coulomb_plus": "N",
-    "coulomb_minus": "N",
-    "stick_speed": "m/s",
-    "stick_rate": "1/s",
-}
+_BASE = {"mass": "kg", "viscous": "N s/m"}
+_BASE |= dict.fromkeys(("coulomb", "coulomb_plus", "coulomb_minus"), "N")
+_BASE |= {"stick_speed": "m/s", "stick_rate": "1/s"}
 #: Time by which the input acts after its time stamps: property of the record, not of the axis.
 SHIFT = "input_shift"
 # Always positive and of unknown magnitude: searched on a logarithmic scale.
@@ -39,37 +34,31 @@ _DECADES = 3.0
 _LATEST = 5.0
 # Parameters that the user may declare known, exactly or to a tolerance.
 _BASES = ("mass", "viscous", "coulomb")
-SPELLINGS = {
-    "stribeck_excess": "stribeck.excess",
-    "stribeck_speed": "stribeck.speed",
-    "inertia": "mass",
-}
+#: Other spellings of parameters.
+SPELLINGS = {f"stribeck_{name}": f"stribeck.{name}" for name in ("excess", "speed")}
+SPELLINGS["inertia"] = "mass"
 
 
 def checked_knowledge(
     known: Sequence[str], tolerance: Mapping[str, float] | None
 ) -> tuple[tuple[str, ...], dict[str, float]]:
     """Knowledge of the user by parameter names; ValueError for invalid arguments."""
-    if isinstance(known, str):
-        known = (known,)
+    known = (known,) if isinstance(known, str) else known
     if not isinstance(known, Sequence):
         raise ValueError(f"known must hold names such as 'mass', got {known!r}")
-    if tolerance is not None and not isinstance(tolerance, Mapping):
-        raise ValueError(f"tolerance must map names to numbers, such as {{'viscous': 0.5}}, "
-                         f"got {tolerance!r}")  # fmt: skip
-    names = tuple("mass" if n == "inertia" else n for n in known)
-    given = {
-        "mass" if n == "inertia" else n: positive(f"tolerance[{n!r}]", v)
-        for n, v in (tolerance or {}).items()
-    }
-    for argument, some in (("known", names), ("tolerance", tuple(given))):
+    tolerance = {} if tolerance is None else tolerance
+    if not isinstance(tolerance, Mapping):
+        meant = "names to numbers, such as {'viscous': 0.5}"
+        raise ValueError(f"tolerance must map {meant}, got {tolerance!r}")
+    for argument, some in (("known", known), ("tolerance", tolerance)):
         for name in some:
-            if name not in _BASES:
+            if name not in (*_BASES, "inertia"):
                 raise ValueError(
                     f"{argument}: {name!r} is no base parameter: choose from {', '.join(_BASES)}"
                 )
-    both = sorted(set(names) & set(given))
-    if both:
+    names = tuple(SPELLINGS.get(n, n) for n in known)
+    given = {SPELLINGS.get(n, n): positive(f"tolerance[{n!r}]", v) for n, v in tolerance.items()}
+    if both := sorted({*names} & {*given}):
         raise ValueError(f"tolerance: {both[0]} is known already: name it in one of the two")
     return names, given
 
@@ -132,11 +121,9 @@ def choose(
     """The axis with the effects that free names require, at neutral values, and its parameters.
 
     "coulomb_map" means all coefficients of both directions, the name of an effect all its
-    parameters that may be free; ValueError for names that are unknown, given twice, or of
-    nothing that can be fitted on this axis.
+    parameters that may be free.
     """
-    if isinstance(free, str):
-        free = (free,)
+    free = (free,) if isinstance(free, str) else free
     if not isinstance(free, Iterable):
         raise ValueError(f"free must hold names such as 'mass', got {free!r}")
     names: list[str] = []
@@ -170,17 +157,15 @@ def with_values(
     """Axis with parameters, by their names of `choose`, changed to these values."""
     given = {name: float(value) for name, value in zip(names, values, strict=True)}
     own: dict[str, dict[str, float]] = {}
+    changes: dict[str, object] = {}
     for name, value in given.items():
         owner, dot, part = name.partition(".")
         if dot:
             own.setdefault(owner, {})[part] = value
-    changes: dict[str, object] = {
-        name: given[name]
-        for name in ("mass", "viscous", "stick_speed", "stick_rate")
-        if name in given
-    }
-    if any(name.startswith("coulomb") for name in given):
-        changes["coulomb"] = _levels(axis, given)
+        elif name.startswith("coulomb"):
+            changes["coulomb"] = _levels(axis, given)
+        else:
+            changes[name] = value
     present = named(axis) if own else {}
     changed = {n: replace(present[n], **parts) for n, parts in own.items() if n in present}
     return with_named(axis, changed, **changes)
@@ -264,27 +249,22 @@ def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
     if name == SHIFT:
         reach = _LATEST * scales.step
         return Parameter(name, "s", -reach, reach, False, scales.step)
-    value = _get(axis, name)
-    if name.partition("[")[0] in _BASE:
+    value, (owner, _, part) = _get(axis, name), name.partition(".")
+    about: tuple[Any, ...] = ("amount", name in _BREAKS_AWAY)
+    if not part:
         unit, logarithmic = axis.unit(declared(name)), name in _LOGARITHMIC
         low, high = 0.0 if name in _BASE or name.endswith("[0]") else -math.inf, math.inf
         scale = value if logarithmic else scales.of(powers(declared(name)))
-        kind, breaks_away, neutral = "amount", name in _BREAKS_AWAY, 0.0
-        optional = False
     else:
-        owner, _, part = name.partition(".")
         effect = type(named(axis)[owner])
         meta = effect.parameters()[part]
         unit, logarithmic = effect.units(axis.units)[part], meta["logarithmic"]
         low, high = meta["bounds"]
-        kind, breaks_away, neutral = meta["kind"], meta["breaks_away"], meta["neutral"] or 0.0
-        optional = meta["optional"]
+        about = meta["kind"], meta["breaks_away"], meta["neutral"] or 0.0, meta["optional"]
         # For a parameter that starts at zero, the scale follows from its unit.
-        unknown = 1.0 if kind == "angle" else scales.of(powers(meta["unit"]))
+        unknown = 1.0 if meta["kind"] == "angle" else scales.of(powers(meta["unit"]))
         scale = (None if logarithmic else meta["size"]) or abs(value)
         scale = scale or (scales.step if meta["unit"] == "s" else unknown)
     if logarithmic:
         low, high = max(low, value / 10.0**_DECADES), min(high, value * 10.0**_DECADES)
-    return Parameter(
-        name, unit, low, high, logarithmic, scale, kind, breaks_away, neutral, optional
-    )
+    return Parameter(name, unit, low, high, logarithmic, scale, *about)

@@ -1,14 +1,14 @@
-"""Plausibility of a record for an axis: units, signs, columns."""
+"""Plausibility of a record for an axis: units, signs, columns, stiffness."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
-from dryfric_control.checks import warn
-from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.checks import instance, warn
+from dryfric_control.model.axis import FrictionAxis, elastic_rates
 from dryfric_control.records.data_check import energy_message
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_warning import RecordWarning
@@ -20,6 +20,17 @@ _WEAK = 0.5
 # Ratio of the force that the motion needs, exceeded in 5 % of the samples, to the largest drive
 # beyond which no mass, however wrong, but a unit is off.
 _STRONG = 30.0
+# Natural frequency of a contact, and of a damped transmission, times the sampling time [rad]
+# beyond which they are too stiff: a sample takes dozens of steps. How far a contact yields shows
+# beyond the frequency of the samples, too; how a transmission swings does not.
+_CONTACT, _TRANSMISSION = 30.0, 4.0
+
+
+def stiffness(axis: FrictionAxis, dt: float) -> float:
+    """Rate of the elastic parts over the fastest that samples show; 0 without such parts."""
+    rates = elastic_rates(axis, dt)
+    turn = rates["transmission"] + rates["damping"]
+    return max(rates["contact"] / _CONTACT, turn / _TRANSMISSION) * dt
 
 
 def warn_if_implausible(axis: FrictionAxis, record: Record) -> None:
@@ -32,14 +43,21 @@ def warn_if_implausible(axis: FrictionAxis, record: Record) -> None:
         warn(message, RecordWarning)
 
 
-def check_distinct(records: Sequence[Record]) -> None:
-    """Refuse a record that is given twice: it would count double."""
-    for (i, one), (j, other) in combinations(enumerate(records), 2):
+def checked_records(records: Any, name: str = "record") -> tuple[Record, ...]:
+    """One record or a list of several, as a tuple; one that stands twice would count double."""
+    several = isinstance(records, (list, tuple))
+    found = tuple(records) if several else (records,)
+    if not found:
+        raise ValueError(f"{name}: the list of records is empty: give at least one Record")
+    for i, one in enumerate(found):
+        instance(f"{name}[{i}]" if several else name, one, Record, "see dfc.read_record")
+    for (i, one), (j, other) in combinations(enumerate(found), 2):
         if np.array_equal(one.x, other.x) and np.array_equal(one.u, other.u):
             raise ValueError(
-                f"record[{i}] and record[{j}] hold the same data, which would count double: give "
+                f"{name}[{i}] and {name}[{j}] hold the same data, which would count double: give "
                 "each record once"
             )
+    return found
 
 
 def _messages(axis: FrictionAxis, record: Record) -> list[str]:

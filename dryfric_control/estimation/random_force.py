@@ -27,8 +27,8 @@ _LEAST = 6.0
 
 def acts(found: Solution, i: int) -> bool:
     """Whether the readings of record i are likelier with a random force than without."""
-    problem, without = found.problem, found.z.copy()
-    without[len(problem.names) + 2 * i] = problem.low[len(problem.names) + 2 * i]
+    problem, without, k = found.problem, found.z.copy(), len(found.problem.names) + 2 * i
+    without[k] = problem.low[k]
     return problem.tried(without).cost > found.cost + _LEAST
 
 

@@ -32,6 +32,8 @@ _TRUSTED, _MISTRUSTED, _DAMPED = 0.6, 0.25, 1e-2
 # Lengths of the steps along the principal axes, in standard errors, that are tried where the cost
 # is rough.
 _POLLED = (3.0, 10.0)
+# Random force over the drive at first; its ratio from one to the next; their least number.
+_LOUD, _LOWER, _RUNGS = 0.3, 1.0 / 3.0, 2
 # Fractions of the random force that are tried where a search ends: the first crosses a ridge of a
 # rough cost.
 _QUIETER = (0.9, 0.5, 0.2, 0.07)
@@ -48,9 +50,7 @@ def _quieter(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Poin
             cost = compiled.cost(problem.innovations(new, i)[0], run.active)
             if cost < least:
                 least, quiet[n + 2 * i] = cost, new[n + 2 * i]
-    if np.any(quiet != z):
-        z, point = quiet, problem.at(quiet)
-    return z, point
+    return (quiet, problem.at(quiet)) if np.any(quiet != z) else (z, point)
 
 
 def _noises(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Point]:
@@ -223,12 +223,33 @@ def maximise(
             z, point = _quieter(problem, z, point)
         damping, wider, quiet, creeping = 1e-3, _WIDER, True, 0
         problem.refine(h, wider)
-    bound = tuple(
-        p.name
-        for p, c, low, high in zip(problem.parameters, z, problem.low, problem.high, strict=False)
-        if (c <= low or c >= high) and not (p.optional and p.value(c) == p.neutral)
-    )
-    return Solution(
-        problem, z, point, gradients, information,
-        settled or promised < _FAR, promised, turn, bound,
-    )  # fmt: skip
+    rows = zip(problem.parameters, z, problem.low, problem.high, strict=False)
+    ended = ((p, c) for p, c, low, high in rows if c <= low or c >= high)
+    bound = tuple(p.name for p, c in ended if not (p.optional and p.value(c) == p.neutral))
+    done = settled or promised < _FAR
+    return Solution(problem, z, point, gradients, information, done, promised, turn, bound)
+
+
+def with_force(likelihood: Likelihood, z: Floats, part: float = _LOUD) -> Floats:
+    """Coordinates with the random force a part of the drive."""
+    z = z.copy()
+    z[len(likelihood.names) :][::2] = [2.0 * math.log(part * r.drive) for r in likelihood.runs]
+    return z
+
+
+def held(likelihood: Likelihood, z: Floats, turns: int = FEW, until: float = math.inf) -> Solution:
+    """Parameters fitted with the noises held, as far as slopes of forces lead."""
+    one, noises = likelihood.on(likelihood.runs), slice(len(likelihood.names), None)
+    one.low, one.high = likelihood.low.copy(), likelihood.high.copy()
+    one.low[noises] = one.high[noises] = z[noises]
+    return maximise(one, z, turns, until, True)
+
+
+def continued(likelihood: Likelihood, z: Floats, until: float = math.inf) -> Floats:
+    """Parameters fitted at random forces that are held, each lower, until below the friction."""
+    level, drive = likelihood.axis.coulomb.mean, max(r.drive for r in likelihood.runs)
+    below = math.log(max(_LOUD * drive / level, 1.0), 1.0 / _LOWER) if level > 0.0 else 0.0
+    for rung in range(max(math.ceil(below), _RUNGS)):
+        part = _LOUD * _LOWER**rung
+        z = held(likelihood, with_force(likelihood, z, part), SOME, until).z
+    return z

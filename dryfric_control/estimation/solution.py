@@ -72,12 +72,11 @@ class Solution:
         The weights w = (nu + 1)/(nu + e^2/S) fall with the innovation: 5/7 for Student's t, two
         thirds for normal ones.  At rest these are encoder noise and say nothing.
         """
-        bent = total = 0.0
+        bent, total, nu = 0.0, 0.0, compiled.FREEDOM
         rows = zip(self.problem.runs, self.point.out, self.point.states, strict=True)
         for run, out, states in rows:
             seen = run.active & (out[1] > 0.0) & (states[2] != 0.0)
             square = out[0, seen] ** 2 / out[1, seen]
-            nu = compiled.FREEDOM
             bent += float(np.sum((nu + 1.0) * (nu - square) / (nu + square) ** 2))
             total += float(np.sum((nu + 1.0) / (nu + square)))
         return max(bent / total, 0.1) if total > 0.0 else 1.0
@@ -149,8 +148,7 @@ class Solution:
 
         Two blocks at a time belong to either half; the parameters follow by one Newton step.
         """
-        problem = self.problem
-        gradients, information = self.gradients, self.information
+        problem, gradients, information = self.problem, self.gradients, self.information
 
         def blocks(at: Point) -> Floats:
             return np.concatenate([problem.blocks(i, out) for i, out in enumerate(at.out)])
@@ -215,20 +213,14 @@ class Solution:
         runs = self.problem.runs
         first = sum(r.edges.size - 1 for r in runs[:i])
         own = half[first : first + runs[i].edges.size - 1]
-        return (
-            (self.problem.axis_at(z[0], i), self.problem.axis_at(z[1], i)),
-            np.repeat(own, np.diff(runs[i].edges)),
-        )
+        axes = self.problem.axis_at(z[0], i), self.problem.axis_at(z[1], i)
+        return axes, np.repeat(own, np.diff(runs[i].edges))
 
     def standard_errors(self) -> dict[str, float]:
         """Standard errors by name."""
         spread = np.sqrt(np.maximum(np.diag(self.covariance()), 0.0))
-        return {
-            name: float(s * p.slope(p.value(c)))
-            for name, s, p, c in zip(
-                self.values(), spread, self.problem.parameters, self.z, strict=False
-            )
-        }
+        rows = zip(self.values(), spread, self.problem.parameters, self.z, strict=False)
+        return {name: float(s * p.slope(p.value(c))) for name, s, p, c in rows}
 
     def random_force(self, i: int = 0) -> float:
         """Standard deviation of the random force in record i, held over a sample [N]."""

@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
 from dryfric_control.arrays import Floats
-from dryfric_control.records.record import Record
 
-# Length of a block [s]: model errors of neighbouring windows are correlated, a second apart
-# far less.
-_BLOCK = 1.0
-# Least number of blocks for the estimate of a variance.
-_FEWEST = 20
 # Eigenvalue over the largest one below which a direction may be undetermined, and below which
 # it is, as in no record of a determined one.
 _FAINT, _UNSEEN = 1e-2, 1e-6
 # A block is left out almost entirely: it may be the only one that determines a direction.
 _LEFT_OUT = 1.0 - 1e-6
-
-
-def block_length(records: Sequence[Record]) -> float:
-    """Length of the blocks by default: 1 s, less if that gave under 20 blocks [s]."""
-    return min(_BLOCK, sum(r.duration for r in records) / _FEWEST)
 
 
 def unseen(normal: Floats, again: Callable[[Floats], Floats]) -> Floats:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,14 +31,8 @@ _ROUNDS, _OFFSETS = 2, np.array([-0.3, 0.3, -1.0, 1.0, -2.0, 2.0])
 
 def shifted(u: Floats, samples: float) -> Floats:
     """Held input delayed by some samples, as means over each sample, which keep the impulse."""
-    if samples == 0.0:
-        return u
-    whole = math.floor(samples)
-    part = samples - whole
     index = np.arange(u.size)
-    newer = u[np.clip(index - whole, 0, u.size - 1)]
-    older = u[np.clip(index - whole - 1, 0, u.size - 1)]
-    return np.asarray((1.0 - part) * newer + part * older)
+    return np.interp(index - samples, index, u) if samples else u
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +86,9 @@ class Windows:
         dv: Floats | float = 0.0,
         active: Bools | None = None,
     ) -> Floats:
-        """Positions of the free runs of an axis at every sample, shape (n,).
+        """Positions of the free runs of an axis at every sample, shape (n,); see `positions`.
 
-        The input acts `shift` [s] later than recorded, unlike a delay a property of the record;
-        dx, dv are added to the states at the starts.  Of windows that are not `active` nothing is
-        run, unless inner states continue from window to window.
+        The input acts `shift` [s] later than recorded; dx, dv are added to the start states.
         """
         windowed = self.arrays(shift)._replace(x0=self.x0 + dx, v0=self.v0 + dv)
         return positions(axis, windowed, active)
@@ -107,9 +98,8 @@ class Windows:
 
         `thorough`: windows that end far above the noise are searched again from other velocities.
         """
-        at = Evaluation(
-            np.zeros(int(self.edges[-1])), np.zeros((3, len(self))), np.zeros(len(self))
-        )
+        count = len(self)
+        at = Evaluation(np.zeros(int(self.edges[-1])), np.zeros((3, count)), np.zeros(count))
         at.starts[2] = np.nan
         offsets = _OFFSETS if thorough else _OFFSETS[:0]
         search = Search(active, linked(axis), uniform(axis), self.floor, _ROUNDS, offsets)
@@ -147,8 +137,7 @@ def positions(axis: FrictionAxis, windowed: Windowed, active: Bools | None = Non
 
 def uniform(axis: FrictionAxis) -> bool:
     """Whether an axis is the same at every position."""
-    constant = len(axis.coulomb.plus) == 1 and len(axis.coulomb.minus) == 1
-    return constant and not any(e.depends_on_place for e in axis.effects)
+    return axis.coulomb.constant and not any(e.depends_on_place for e in axis.effects)
 
 
 def linked(axis: FrictionAxis) -> bool:
@@ -172,7 +161,7 @@ def cut(record: Record, window: float = 0.25, hold: str = "zero") -> Windows:
     edges = np.arange(0, len(record), length, dtype=np.int64)
     if len(record) - edges[-1] < max(5, length // 2) and edges.size > 1:
         edges = edges[:-1]
-    edges = np.append(edges, len(record))
+    edges = np.append(edges, len(record)).astype(np.int64)
     starts = edges[:-1]
     size = record.smoothing_window
     smooth = record.derivatives(size)
@@ -192,14 +181,7 @@ def cut(record: Record, window: float = 0.25, hold: str = "zero") -> Windows:
     # After a long rest the velocity is zero up to the resolution of the readings; the slope of
     # their noise would make the axis slide.
     still = ~above(LONGEST, rest)
-    return Windows(
-        record,
-        np.asarray(edges, dtype=np.int64),
-        smooth.x[starts],
-        np.where(still, 0.0, smooth.v[starts]),
-        errors[0],
-        np.where(still, np.minimum(errors[1], least_motion(record) / (2.0 * LONGEST)), errors[1]),
-        rest,
-        hold,
-        noise,
-    )
+    v0 = np.where(still, 0.0, smooth.v[starts])
+    slow = np.minimum(errors[1], least_motion(record) / (2.0 * LONGEST))
+    errors[1] = np.where(still, slow, errors[1])
+    return Windows(record, edges, smooth.x[starts], v0, errors[0], errors[1], rest, hold, noise)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.polynomial import Legendre, Polynomial, legendre
 from numpy.typing import ArrayLike
 
-from dryfric_control.arrays import Floats, Ints
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import instance, warn
 from dryfric_control.drawing import MEASURED, labelled, panels
 from dryfric_control.estimation.uncertainty import half_width
@@ -18,10 +18,13 @@ from dryfric_control.identification import crawl
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
+from dryfric_control.model.friction_curve import net_force
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, percent, plain_data
 from dryfric_control.units import check_units
 
+# Directions of motion in words.
+_WAYS = {1: "positive", -1: "negative"}
 # Longest piece, as a part of the travel, where speed must not be averaged away.
 _FINE = 1.0 / 160.0
 # Blocks of the way, or slips, from which a level over position can be found.
@@ -48,7 +51,7 @@ class CoulombIdentification(Result, CoulombMap):
     held_out: dict[int, Floats]  # RMS error of the force for each degree tried, by direction
     pieces: crawl.Pieces  # the averaged data
     units: tuple[str, str]
-    _fits: dict[int, tuple[Floats, Floats, int]]
+    _fits: dict[int, crawl.Level]
 
     @property
     def coulomb(self) -> CoulombMap:
@@ -57,14 +60,14 @@ class CoulombIdentification(Result, CoulombMap):
 
     def standard_error(self, x: ArrayLike, direction: int) -> Floats:
         """Standard error of the level at positions x in direction +1 or -1, shape (n,)."""
-        coefficients, covariance, _ = self._fits[direction]
-        basis = legendre.legvander(crawl.inner(x, self.travel), coefficients.size - 1)
-        return np.sqrt(np.einsum("ij,jk,ik->i", basis, covariance, basis))
+        fit = self._fits[direction]
+        basis = legendre.legvander(crawl.inner(x, self.travel), fit.coefficients.size - 1)
+        return np.sqrt(np.einsum("ij,jk,ik->i", basis, fit.covariance, basis))
 
     def band(self, x: ArrayLike, direction: int, level: float = 0.9) -> tuple[Floats, Floats]:
         """Lower and upper end of the level at x; `level`: probability of the truth at one place."""
-        coefficients, _, groups = self._fits[direction]
-        reach = half_width(level, groups - coefficients.size) * self.standard_error(x, direction)
+        blocks, coefficients = self._fits[direction].without_each.shape
+        reach = half_width(level, blocks - coefficients) * self.standard_error(x, direction)
         middle = self(x, direction)
         return middle - reach, middle + reach
 
@@ -98,11 +101,9 @@ class CoulombIdentification(Result, CoulombMap):
     @panels(1, figsize=(7.0, 4.2))
     def plot(self, axes: Any) -> str:
         """Draw the measured forces and the levels (paper, Fig. 5)."""
-        length, force = self.units
-        pieces = self.pieces
-        measured = {"color": MEASURED, "ms": 4, "label": "measured, per piece of motion"}
-        (ax,) = axes
-        ax.plot(pieces.x, pieces.u, ".", **measured)
+        (length, force), (ax,) = self.units, axes
+        label = "measured, per piece of motion"
+        ax.plot(self.pieces.x, self.pieces.u, ".", color=MEASURED, ms=4, label=label)
         places = np.linspace(*self.travel, 300)
         for s, band, level in ((1, "90 % band", "Coulomb level"), (-1, None, None)):
             low, high = (s * end for end in self.band(places, s))
@@ -128,10 +129,6 @@ def identify_coulomb(
         Axis whose mass, viscous coefficient, Stribeck peak and force effects are subtracted from
         the drive force.  Default: mass and viscous coefficient are estimated as well where the
         velocity varies enough to show them, otherwise neglected.
-
-    Returns
-    -------
-    CoulombIdentification
 
     Raises
     ------
@@ -174,7 +171,7 @@ def identify_coulomb(
         instance("axis", axis, FrictionAxis)
         check_units(axis, record)
     pieces = crawl.average(record)
-    for s, name in ((1, "positive"), (-1, "negative")):
+    for s, name in _WAYS.items():
         count = int(np.sum(pieces.direction == s))
         if count < 10:
             raise ValueError(
@@ -198,34 +195,33 @@ def identify_coulomb(
         _tell(fine, record, f"{only} of the typical velocity is left out)")
     force = pieces.u - (viscous or 0.0) * pieces.v - (mass or 0.0) * pieces.rise
     held_out: dict[int, Floats] = {}
-    fits: dict[int, tuple[Floats, Floats, int]] = {}
-    for s, name in ((1, "positive"), (-1, "negative")):
+    fits: dict[int, crawl.Level] = {}
+    for s, name in _WAYS.items():
         own = pieces.only(pieces.direction == s)
-        friction = s * force[pieces.direction == s]
         blocks = crawl.blocks_of(own)
-        count = int(blocks.max()) + 1
+        given, count = (own, s * force[pieces.direction == s], travel, blocks), blocks.max() + 1
         if degree is None:
-            held_out[s], chosen = crawl.choose_degree(own, friction, travel, blocks)
+            held_out[s], fits[s] = crawl.best_level(*given)
         elif degree > count - 3:
             raise ValueError(
                 f"degree = {degree} needs at least {degree + 3} slips in {name} direction, record "
                 f"has {count}: lower it, or crawl with a stiffer loop"
             )
         else:
-            chosen = int(degree)
+            fits[s] = crawl.level_of(*given, int(degree))
         if count < _ENOUGH:
             warn(
                 f"the level in {name} direction rests on {count} slips: a stiffer or faster loop "
                 "makes more and smaller ones",
                 FitWarning,
             )
-        fits[s] = _with_covariance(crawl.level_of(own, friction, travel, chosen), blocks)
-    plus, minus = (Legendre(fits[s][0], domain=travel).convert(kind=Polynomial) for s in (1, -1))
+    found = [Legendre(fits[s].coefficients, travel).convert(kind=Polynomial) for s in _WAYS]
+    plus, minus = (tuple(one.coef.tolist()) for one in found)
     units = record.units.get("x", "m"), record.units.get("u", "N")
     return CoulombIdentification(
-        tuple(plus.coef.tolist()),
-        tuple(minus.coef.tolist()),
-        degrees=(fits[1][0].size - 1, fits[-1][0].size - 1),
+        plus,
+        minus,
+        degrees=(fits[1].coefficients.size - 1, fits[-1].coefficients.size - 1),
         travel=travel,
         viscous=viscous,
         mass=mass,
@@ -273,12 +269,9 @@ def _tell_of_a_peak(pieces: crawl.Pieces, record: Record, travel: tuple[float, f
 
 def _levelled(axis: FrictionAxis, pieces: crawl.Pieces) -> crawl.Pieces:
     """Pieces with the Coulomb level in place of the drive: what else the axis has is taken off."""
-    from dryfric_control.estimation.force_residual import forces
-
     axis = axis.effective()
-    bare = axis.replace(coulomb=0.0, viscous=0.0, stribeck=None)
-    added = forces(bare, pieces.x, pieces.v, pieces.u, pieces.direction)
-    level = pieces.u - axis.viscous * pieces.v - axis.mass * pieces.rise + added
+    bare, states = axis.replace(coulomb=0.0, stribeck=None), (pieces.x, pieces.v, pieces.u)
+    level = net_force(bare, 0.0 * pieces.x, *states, pieces.direction) - axis.mass * pieces.rise
     if axis.stribeck is not None:
         level = level / axis.stribeck.factor(np.abs(pieces.v), axis.stick_speed)
     return pieces._replace(u=level)
@@ -300,11 +293,3 @@ def _along_the_way(pieces: crawl.Pieces, travel: tuple[float, float]) -> tuple[f
     root = np.sqrt(pieces.way)
     found = np.linalg.lstsq(table * root[:, None], pieces.u * root, rcond=None)[0]
     return float(found[-2]), float(found[-1])
-
-
-def _with_covariance(level: crawl.Level, blocks: Ints) -> tuple[Floats, Floats, int]:
-    """Legendre coefficients, covariance from leaving out one block at a time, and their number."""
-    moved = np.array(crawl.without_each(level, blocks))
-    count = len(moved)
-    moved -= moved.mean(axis=0)
-    return level.coefficients, (count - 1) / count * moved.T @ moved, count

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -106,13 +108,28 @@ def _smoothed(record: Record) -> tuple[Floats, Floats, float]:
     return x, v, spread
 
 
-class Level(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Level:
     """Level of one direction, as fitted."""
 
     coefficients: Floats  # of Legendre polynomials over the travel, shape (degree + 1,)
     rows: Floats  # whitened regressors, shape (n, degree + 1)
     values: Floats  # whitened works, shape (n,)
     least: float  # what round-off of the works leaves in `values`
+    blocks: Ints  # block of each piece
+
+    @cached_property
+    def without_each(self) -> Floats:
+        """Coefficients found without each of the blocks, shape (nblocks, degree + 1)."""
+        left = (self.blocks != g for g in range(int(self.blocks.max()) + 1))
+        rows = [np.linalg.lstsq(self.rows[k], self.values[k], rcond=None)[0] for k in left]
+        return np.array(rows)
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """Covariance of the coefficients, from leaving out one block at a time."""
+        moved = self.without_each - self.without_each.mean(axis=0)
+        return np.asarray((len(moved) - 1) / len(moved) * moved.T @ moved)
 
 
 def inner(x: ArrayLike, travel: tuple[float, float]) -> Floats:
@@ -134,7 +151,9 @@ def blocks_of(pieces: Pieces) -> Ints:
     return np.unique(label, return_inverse=True)[1].astype(np.int64)
 
 
-def level_of(pieces: Pieces, force: Floats, travel: tuple[float, float], degree: int) -> Level:
+def level_of(
+    pieces: Pieces, force: Floats, travel: tuple[float, float], blocks: Ints, degree: int
+) -> Level:
     """Level of one direction by generalised least squares with Huber's loss.
 
     `pieces` in order of time, `force` their mean friction, a magnitude.
@@ -154,7 +173,7 @@ def level_of(pieces: Pieces, force: Floats, travel: tuple[float, float], degree:
         small = float(np.median(least / factor[0]))
         coefficients, root = _huber(rows, values, small)
         factor = _factor(pieces, work - basis @ coefficients, float(np.median(least)))
-    return Level(coefficients, rows * root[:, None], values * root, small)
+    return Level(coefficients, rows * root[:, None], values * root, small, blocks)
 
 
 def _huber(rows: Floats, values: Floats, least: float) -> tuple[Floats, Floats]:
@@ -191,25 +210,20 @@ def _factor(pieces: Pieces, error: Floats, least: float) -> Floats:
     return np.asarray(cholesky_banded(band, lower=True))
 
 
-def without_each(level: Level, blocks: Ints) -> list[Floats]:
-    """Coefficients found without each of the blocks."""
-    left = (blocks != g for g in range(int(blocks.max()) + 1))
-    return [np.linalg.lstsq(level.rows[k], level.values[k], rcond=None)[0] for k in left]
-
-
-def choose_degree(
+def best_level(
     pieces: Pieces, force: Floats, travel: tuple[float, float], blocks: Ints
-) -> tuple[Floats, int]:
-    """Held-out RMS error of the force for each degree, and the degree to take."""
+) -> tuple[Floats, Level]:
+    """Held-out RMS error of the force for each degree, and the level of the degree to take."""
     count = int(blocks.max()) + 1
     highest = max(0, min(HIGHEST, count // 3 - 1))  # three blocks a coefficient
     errors = np.zeros((highest + 1, count))
+    levels = [level_of(pieces, force, travel, blocks, d) for d in range(highest + 1)]
     # Judged in the rows of the highest degree: those are whitened as the noise is.
-    whole = level_of(pieces, force, travel, highest)
+    whole = levels[-1]
     typical = 1.4826 * float(np.median(np.abs(whole.values - whole.rows @ whole.coefficients)))
     limit = _LIMIT * max(typical, whole.least)
-    for d in range(highest + 1):
-        for g, left in enumerate(without_each(level_of(pieces, force, travel, d), blocks)):
+    for d, level in enumerate(levels):
+        for g, left in enumerate(level.without_each):
             out = blocks == g
             error = whole.values[out] - whole.rows[out, : d + 1] @ left
             size = np.minimum(np.abs(error), limit)
@@ -222,4 +236,4 @@ def choose_degree(
         worse = errors[d] - errors[best]
         if worse.sum() <= np.sqrt(count) * np.std(worse, ddof=1) + equal:
             break
-    return np.sqrt(errors.sum(axis=1) / len(force)), d
+    return np.sqrt(errors.sum(axis=1) / len(force)), levels[d]

@@ -15,7 +15,6 @@ from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, positive, warn, whole
 from dryfric_control.drawing import MEASURED, labelled, panels
 from dryfric_control.estimation import uncertainty
-from dryfric_control.estimation.continuation import continued
 from dryfric_control.estimation.force_residual import Sliding, force_start
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.parameters import (
@@ -26,9 +25,9 @@ from dryfric_control.estimation.parameters import (
     choose,
     typical,
 )
-from dryfric_control.estimation.plausibility import check_distinct, warn_if_implausible
+from dryfric_control.estimation.plausibility import checked_records, warn_if_implausible
 from dryfric_control.estimation.random_force import acts, away_from_rest, lasting
-from dryfric_control.estimation.scoring import FEW, LAST, SOME, maximise
+from dryfric_control.estimation.scoring import FEW, LAST, SOME, continued, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.identification.identifiability import cannot_tell
@@ -51,12 +50,13 @@ from dryfric_control.text import (
 from dryfric_control.ties import ranked
 from dryfric_control.units import check_units
 
-# Starts by default, and where a parameter acts at breakaway: the cost has several valleys.
-_STARTS, _MANY = 2, 6
-# Number of starts that are searched on, of many.
-_KEPT = 2
+# Starts by default, and where a parameter acts at breakaway: the cost has several valleys; number
+# of starts that are searched on, of many.
+_STARTS, _MANY, _KEPT = 2, 6, 2
 # Difference of log-likelihoods that prefers no end to that from the nominal values.
 _EQUAL = 0.5
+# Length of a block [s], and least number of blocks.
+_BLOCK, _BLOCKS = 1.0, 20
 # Power of what is left at low frequency over that of white noise, from which the model
 # does not fit (`benchmarks/identification.py coverage`).
 _LASTING = 1.5
@@ -69,8 +69,7 @@ _SHOWN_BY = {
 }
 #: Length of the free runs [s].
 WINDOW = 0.25
-# Their number in a record without a drive: enough blocks for the standard errors; their least
-# number of samples.
+# Their number in a record without a drive, and their least number of samples.
 _UNDRIVEN, _SHORTEST = 8, 8
 # Force of a velocity's noise that may act from sample to sample, over the Coulomb level, and part
 # of it from which it counts; median of the size of a normal variable; fewest samples left.
@@ -106,15 +105,10 @@ class Fit(Saved, Result):
 
     Examples
     --------
-    >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> true = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> t = 1e-3 * np.arange(4000)
-    >>> u = 20.0 * np.sin(6.0 * t) + 10.0 * np.sin(17.0 * t)
-    >>> x = 1e-6 * np.round(1e6 * true.simulate(u, dt=1e-3).y[0])
-    >>> found = dfc.fit(true.replace(mass=3.0), dfc.Record(t, u, x), free=("mass",))
-    >>> round(found.parameters["mass"], 2), found.units["mass"]
-    (2.0, 'kg')
+    >>> found = dfc.fit(dfc.datasets.belt_stage_axis(), dfc.datasets.belt_stage())
+    >>> list(found.parameters), found.units["mass"]
+    (['mass', 'viscous', 'coulomb'], 'kg')
     """
 
     axis: FrictionAxis = stated("The fitted axis.")
@@ -152,8 +146,8 @@ class Fit(Saved, Result):
         dict of str to tuple of float
             Lower and upper end for each parameter.
         """
-        spread = np.sqrt(np.diag(self._terms[-1]))
-        reach = uncertainty.half_width(level, self._freedom(level)) * spread
+        reach = uncertainty.half_width(level, self._freedom(level))
+        reach *= np.sqrt(np.diag(self._terms[-1]))
         return self._ends(-reach, reach)
 
     def _freedom(self, level: float) -> Floats:
@@ -203,10 +197,6 @@ class Fit(Saved, Result):
             The record.
         window : float, optional
             Length of a window [s].
-
-        Returns
-        -------
-        Replay
         """
         shift = self.parameters.get("input_shift", 0.0)
         return replay(self.axis, record, window, self.training[0].windows.hold, shift=shift)
@@ -220,8 +210,8 @@ class Fit(Saved, Result):
             rows.append((name, number, f"{self.standard_errors[name]:.2g}", reach))
         yield rows
         length, force = self.axis.units
-        noises = zip(self.training, self.random_force, self.reading_noise, strict=True)
-        for run, pushed, noise in noises:
+        noises = self.random_force, self.reading_noise
+        for run, pushed, noise in zip(self.training, *noises, strict=True):
             yield from run._shown()
             random = f"{pushed:.3g} {force} RMS" if pushed else "none"
             yield f"noise of the readings: {length_text(noise, length)} RMS; random force: {random}"
@@ -235,9 +225,8 @@ class Fit(Saved, Result):
     @panels(2, sharex=False, figsize=(7.0, 6.0))
     def plot(self, axes: Any) -> str:
         """Draw friction over velocity, and errors of the free runs."""
-        axis = self.axis
+        axis, (top, bottom) = self.axis, axes
         length, force = axis.units
-        top, bottom = axes
         bare = axis.replace(coulomb=0.0, viscous=0.0, stribeck=None)
         fastest = 0.0
         for i, run in enumerate(self.training):
@@ -249,7 +238,18 @@ class Fit(Saved, Result):
         span = float(x.min()), float(x.max())
         draw_curve(axis.replace(effects=()), top, fastest, span, "fitted", color="k", lw=1.5)
         labelled(top, f"velocity [{length}/s]", f"friction [{force}]")
-        _draw_errors(bottom, self.training, length)
+        first = self.training[0]
+        least = min(float(run.rms_by_window.min()) for run in self.training)
+        factor, unit = prefixed(float(np.median(first.rms_by_window)), length)
+        for i, run in enumerate(self.training):
+            label = run.windows.record.name if len(self.training) > 1 else "error of each free run"
+            style = {"ms": 3, "lw": 0.8, "color": f"C{i}", "label": label}
+            bottom.semilogy(run.windows.start_times, run.rms_by_window / factor, "o-", **style)
+        bottom.axhline(first.quantum / factor, color="k", lw=0.8, ls=":", label="encoder quantum")
+        if least < _NOTHING * first.quantum:
+            # Windows at rest, which every model holds, must not squeeze the others together.
+            bottom.set_ylim(bottom=_NOTHING * first.quantum / factor)
+        labelled(bottom, "Time [s]", f"RMS error [{unit}]")
         return f"{axis.name}: fit"
 
 
@@ -303,10 +303,6 @@ def fit(
     progress : bool, optional
         Whether to show a progress bar.
 
-    Returns
-    -------
-    Fit
-
     Raises
     ------
     ValueError
@@ -352,11 +348,6 @@ def fit(
     (2.0, 15.0)
     """
     instance("axis", axis, FrictionAxis)
-    if isinstance(record, str | Record) or not isinstance(record, Sequence):
-        record = (record,)
-    records = tuple(record)
-    if not records:
-        raise ValueError("record is empty: give at least one Record")
     if starts is not None:
         whole("starts", starts)
     if block is not None:
@@ -368,15 +359,10 @@ def fit(
         free = [name for name in free if SPELLINGS.get(name, name) not in known]
         if not free:
             raise ValueError(f"known: {', '.join(known)} leave nothing free")
-    for i, r in enumerate(records):
-        name = f"record[{i}]" if len(records) > 1 else "record"
-        instance(name, r, Record, "see dfc.read_record")
-    records = tuple(_coarser(axis, r) for r in records)
+    records = tuple(_coarser(axis, r) for r in checked_records(record))
     window = _window(records) if window is None else window
     for r in records:
         cut(r, window, hold)
-    check_distinct(records)
-    for r in records:
         check_units(axis, r)
         warn_if_implausible(axis, r)
     problem = problem_of(axis, records, free, tolerance, hold, block)
@@ -396,11 +382,11 @@ def problem_of(
 ) -> Likelihood:
     """Likelihood of parameters of an axis in records, without a prior but for `tolerance`."""
     axis, parameters = choose(axis, free, typical(records))
-    length = uncertainty.block_length(records) if block is None else block
-    names, runs = (
-        [p.name for p in parameters],
-        [prepare(r, None, length, axis.mass) for r in records],
-    )
+    # 1 s by default: model errors of neighbouring windows are correlated, a second apart far
+    # less; shorter where that gave under 20 blocks, for the estimate of a variance.
+    length = block or min(_BLOCK, sum(r.duration for r in records) / _BLOCKS)
+    runs = [prepare(r, None, length, axis.mass) for r in records]
+    names = [p.name for p in parameters]
     return Likelihood(axis, names, runs, tolerance=tolerance, priors=(), hold=hold)
 
 
@@ -470,21 +456,6 @@ def _window(records: Sequence[Record]) -> float:
     return max(WINDOW, min(r.duration for r in records) / _UNDRIVEN)
 
 
-def _draw_errors(ax: Any, runs: Sequence[Replay], unit: str) -> None:
-    """RMS error of every free run over time, and the encoder quantum."""
-    least = min(float(run.rms_by_window.min()) for run in runs)
-    factor, unit = prefixed(float(np.median(runs[0].rms_by_window)), unit)
-    for i, run in enumerate(runs):
-        label = run.windows.record.name if len(runs) > 1 else "error of each free run"
-        style = {"ms": 3, "lw": 0.8, "color": f"C{i}", "label": label}
-        ax.semilogy(run.windows.start_times, run.rms_by_window / factor, "o-", **style)
-    ax.axhline(runs[0].quantum / factor, color="k", lw=0.8, ls=":", label="encoder quantum")
-    if least < _NOTHING * runs[0].quantum:
-        # Windows at rest, which every model holds, must not squeeze the others together.
-        ax.set_ylim(bottom=_NOTHING * runs[0].quantum / factor)
-    labelled(ax, "Time [s]", f"RMS error [{unit}]")
-
-
 def _starting_points(
     problem: Likelihood, records: Sequence[Record], starts: int, seed: int
 ) -> list[Floats]:
@@ -497,7 +468,7 @@ def _starting_points(
     low, high = problem.low[: first.size], problem.high[: first.size]
     while len(points) < starts:
         base = points[len(points) % 2]
-        spread = np.array([_spread(p, c) for p, c in zip(problem.parameters, base, strict=True)])
+        spread = np.array(list(map(_spread, problem.parameters, base)))
         point = base + spread * rng.standard_normal(base.size)
         points.append(_possible(problem, np.clip(point, low, high), base))
     return points
@@ -508,10 +479,9 @@ def _possible(problem: Likelihood, point: Floats, base: Floats) -> Floats:
     for _ in range(8):
         try:
             problem.axis_at(point)
+            return point
         except ValueError:  # a Coulomb map that turns negative inside the travel
             point = 0.5 * (point + base)
-        else:
-            return point
     return base
 
 
@@ -529,50 +499,38 @@ def _prior(parameters: Sequence[Parameter]) -> Floats:
     return np.array([1.0 / np.log(10.0) ** 2 if p.logarithmic else 0.0 for p in parameters])
 
 
-def _limits(problem: Likelihood, z: Floats) -> list[str]:
-    """Parameters that a fit left at a bound other than zero."""
-    rows = zip(problem.parameters, z, problem.low, problem.high, strict=False)
-    return [
-        f"{p.name} ended at its bound, {p.value(c):.4g} {p.unit}: the model does not fit, or the "
-        "record does not determine it"
-        for p, c, low, high in rows
-        if (c <= low or c >= high) and p.value(c) != 0.0
-    ]
-
-
-def _far(problem: Likelihood, first: Floats, z: Floats) -> list[str]:
-    """Base parameters that a fit left far from their start values, in one message."""
-    ends, shown = [], []
-    for p, start, end in zip(problem.parameters, first, z, strict=True):
+def _doubts(found: Solution, first: Floats, z: Floats, force: float) -> Iterator[str]:
+    """Messages on bounds, a random force that is correlated in time, and far ends."""
+    problem = found.problem
+    rows = zip(problem.parameters, first, z, problem.low, problem.high, strict=False)
+    far: dict[str, str] = {}
+    for p, start, end, low, high in rows:
         before, after = p.value(start), p.value(end)
+        if (end <= low or end >= high) and after != 0.0:
+            yield (
+                f"{p.name} ended at its bound, {after:.4g} {p.unit}: the model does not fit, or "
+                "the record does not determine it"
+            )
         if p.name in _SHOWN_BY and min(before, after) > 0.0:
             factor, way = (after / before, "above") if after > before else (before / after, "below")
             if factor > _BOLD:
-                ends.append(
-                    f"{p.name} ended {factor:.3g} times {way} its start value ({after:.4g}, start "
-                    f"{before:.4g} {p.unit})"
-                )
-                shown.append(_SHOWN_BY[p.name])
-    if not ends:
-        return []
-    return [
-        f"{', '.join(ends)}: if the start is trusted, check the units of u and "
-        f"x, the gain of the drive (read_record(..., gain=...)), and that the record has "
-        f"{' and '.join(shown)}"
-    ]
-
-
-def _misfit(axis: FrictionAxis, found: Solution, force: float) -> list[str]:
-    """Words for a random force that is correlated in time."""
-    if force == 0.0 or lasting(found) < _LASTING:
-        return []
-    level = float(np.mean([axis.coulomb([0.0], s)[0] for s in (1, -1)]))
-    share = f" ({percent(force / level)} of the Coulomb level)" if level > 0.0 else ""
-    return [
-        f"the model does not fit: what it leaves out is like a random force of {force:.3g} "
-        f"{axis.units[1]} RMS{share} but is correlated in time; diagnose(axis, record) names what "
-        "is missing"
-    ]
+                text = f"{p.name} ended {factor:.3g} times {way} its start value"
+                far[f"{text} ({after:.4g}, start {before:.4g} {p.unit})"] = _SHOWN_BY[p.name]
+    if force > 0.0 and lasting(found) >= _LASTING:
+        axis = problem.axis_at(z)
+        level = float(np.mean([axis.coulomb([0.0], s)[0] for s in (1, -1)]))
+        share = f" ({percent(force / level)} of the Coulomb level)" if level > 0.0 else ""
+        yield (
+            f"the model does not fit: what it leaves out is like a random force of {force:.3g} "
+            f"{axis.units[1]} RMS{share} but is correlated in time; diagnose(axis, record) names "
+            "what is missing"
+        )
+    if far:
+        yield (
+            f"{', '.join(far)}: if the start is trusted, check the units of u and x, the gain of "
+            f"the drive (read_record(..., gain=...)), and that the record has "
+            f"{' and '.join(far.values())}"
+        )
 
 
 def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
@@ -589,7 +547,6 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
         basis = np.linalg.qr(away.T)[0]
         z = np.clip(z - basis @ (basis.T @ (z - first)), low, high)
     names, parameters, axis = problem.names, tuple(problem.parameters), problem.axis_at(z)
-    hold = "first" if problem.first else "zero"
     values = np.array([p.value(c) for p, c in zip(parameters, z, strict=True)])
     slopes = np.array([p.slope(v) for p, v in zip(parameters, values, strict=True)])
     errors = slopes * np.sqrt(np.diag(covariance))
@@ -598,20 +555,20 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
     covariance[np.diag_indices_from(covariance)] += np.where(blind, np.inf, 0.0)
     spread = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
-        correlation = covariance / np.outer(spread, spread)
-    correlation = np.where(np.isfinite(correlation), correlation, 0.0)
+        correlation = np.nan_to_num(covariance / np.outer(spread, spread), posinf=0.0, neginf=0.0)
     np.fill_diagonal(correlation, 1.0)
     runs = range(len(problem.runs))
     records = [r.record for r in problem.runs]
     force = tuple(found.random_force(i) if acting else 0.0 for i in runs)
     said = cannot_tell(axis, records, parameters, values, errors, correlation, away, slopes)
-    said += [*_limits(problem, z), *_misfit(axis, found, max(force)), *_far(problem, first, z)]
+    said += _doubts(found, first, z, max(force))
     messages = tuple(rotary_words(message, axis.units[1]) for message in said)
     for message in messages:
         warn(message, FitWarning)
     given, spreads = (dict(zip(names, v.tolist(), strict=True)) for v in (values, errors))
     units = {p.name: p.unit for p in parameters}
     noise = tuple(found.reading_noise(i) for i in runs)
-    shown = tuple(replay(axis, r, window, hold, shift=given.get(SHIFT, 0.0)) for r in records)
+    hold, shift = "first" if problem.first else "zero", given.get(SHIFT, 0.0)
+    shown = tuple(replay(axis, r, window, hold, shift=shift) for r in records)
     terms = parameters, z, gradients, normals, away, covariance
     return Fit(axis, given, spreads, correlation, units, messages, force, noise, shown, terms)

@@ -10,19 +10,16 @@ from dryfric_control.arrays import Floats
 from dryfric_control.estimation.parameters import Parameter
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of
-from dryfric_control.records.motion import directions
+from dryfric_control.records.motion import directions, usual_speeds
 from dryfric_control.records.record import Record
 from dryfric_control.text import percent, see
 from dryfric_control.ties import samples
 
 # A standard error beyond this part of the value leaves the value open.
 _OPEN = 0.3
-# Correlation of two estimates beyond which only a combination is known, worth
-# telling where either is uncertain by more than this part of its value.
-_TOGETHER, _NOTICED = 0.98, 0.02
-
-#: Pairs named in full.
-_PAIRS = 3
+# Correlation of two estimates beyond which only a combination is known, worth telling where
+# either is uncertain by more than this part of its value, and pairs named in full.
+_TOGETHER, _NOTICED, _PAIRS = 0.98, 0.02, 3
 
 
 def cannot_tell(
@@ -114,15 +111,16 @@ def _cause(axis: FrictionAxis, records: Sequence[Record], parameter: Parameter) 
     way = np.concatenate([directions(r) for r in records])
     if name == "mass":
         # A longer smoothing: here the noise of the acceleration would count as motion.
-        long = [r.derivatives(_long(r)).a for r in records]
+        sizes = [max(r.smoothing_window, samples(0.05, r.dt) // 2 * 2 + 1) for r in records]
+        pairs = zip(records, sizes, strict=True)
+        long = [r.derivatives(min(size, 501, (len(r) - 1) | 1)).a for r, size in pairs]
         share = axis.mass * np.sqrt(np.mean(np.concatenate(long) ** 2)) / force
         return (
             f"the axis hardly accelerates, m a is {percent(share)} of the drive force; "
             "excite it with quick reversals"
         )
     if name == "viscous":
-        sliding = np.abs(speed[way != 0])
-        slow, fast = np.quantile(sliding, (0.05, 0.95)) if sliding.size else (0.0, 0.0)
+        slow, fast = usual_speeds(speed[way != 0])
         return (
             f"90 % of the motion is at {slow:.3g} to {fast:.3g} {axis.unit('m/s')}, over which f v "
             f"changes by {percent(axis.viscous * (fast - slow) / force)} of the drive force; run "
@@ -142,8 +140,3 @@ def _cause(axis: FrictionAxis, records: Sequence[Record], parameter: Parameter) 
             "samples; crawl slowly, with stops"
         )
     return "the motion excites it too little"
-
-
-def _long(record: Record) -> int:
-    return min(max(record.smoothing_window, (samples(0.05, record.dt) // 2) * 2 + 1), 501,
-               (len(record) - 1) | 1)  # fmt: skip

@@ -51,10 +51,9 @@ class Replay(Result):
         return float(np.mean(np.log1p((self.rms_by_window / self.quantum) ** 2)))
 
     def _shown(self) -> list[str]:
-        record, windows, worst = self.windows.record, self.windows, float(self.rms_by_window.max())
-        rms, median, most = (
-            length_text(one, self.axis.units[0]) for one in (self.rms, self.median, worst)
-        )
+        record, windows = self.windows.record, self.windows
+        errors = self.rms, self.median, float(self.rms_by_window.max())
+        rms, median, most = (length_text(one, self.axis.units[0]) for one in errors)
         name = f"{record.name}: " if record.name else ""
         return [
             f"{name}free runs of {windows.samples[0] * record.dt:.3g} s, started from the smoothed "
@@ -64,25 +63,18 @@ class Replay(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers of the replay, ready for JSON."""
-        return {
-            "rms": self.rms,
-            "median": self.median,
-            "worst": float(self.rms_by_window.max()),
-            "quantum": self.quantum,
-            "score": self.score,
-            "start_times": self.windows.start_times.tolist(),
-            "rms_by_window": self.rms_by_window.tolist(),
-        }
+        worst, times = float(self.rms_by_window.max()), self.windows.start_times.tolist()
+        numbers = {"rms": self.rms, "median": self.median, "worst": worst, "quantum": self.quantum}
+        windows = {"start_times": times, "rms_by_window": self.rms_by_window.tolist()}
+        return numbers | {"score": self.score} | windows
 
     @panels(2)
     def plot(self, axes: Any) -> str:
         """Draw measured position and free runs, and their errors."""
         record, length = self.windows.record, self.axis.units[0]
         # A gap at each restart, so that a run is not joined to the next.
-        ends = self.windows.edges[1:-1]
-        t, runs, errors = (
-            np.insert(one, ends, np.nan) for one in (record.t, self.positions, self.errors)
-        )
+        ends, lines = self.windows.edges[1:-1], (record.t, self.positions, self.errors)
+        t, runs, errors = (np.insert(one, ends, np.nan) for one in lines)
         axes[0].plot(record.t, record.x, ".", color=MEASURED, ms=3, label="measured")
         axes[0].plot(t, runs, "k-", lw=1, label="free runs")
         labelled(axes[0], y=f"position [{length}]")
@@ -125,10 +117,6 @@ def replay(
     shift : float, optional
         Time by which the input acts later than recorded [s].
 
-    Returns
-    -------
-    Replay
-
     Raises
     ------
     ValueError
@@ -136,18 +124,14 @@ def replay(
 
     Notes
     -----
-    Each window starts from the smoothed record.  A replay of a whole record from one start would
-    integrate every small force error twice, for the whole time, and measure little else.
+    Each window starts from the smoothed record: a replay from one start would integrate every
+    small force error twice, for the whole time, and measure little else.
 
     Examples
     --------
-    >>> import numpy as np
     >>> import dryfric_control as dfc
-    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    >>> t = 1e-3 * np.arange(2000)
-    >>> u = 20.0 * np.sin(6.0 * t)
-    >>> record = dfc.Record(t, u, 1e-6 * np.round(1e6 * axis.simulate(u, dt=1e-3).y[0]))
-    >>> bool(dfc.replay(axis, record).median < 10e-6)
+    >>> errors = dfc.replay(dfc.datasets.belt_stage_axis(), dfc.datasets.belt_stage())
+    >>> errors.median > 10.0 * errors.quantum
     True
     """
     instance("axis", axis, FrictionAxis)
@@ -224,10 +208,6 @@ def replay_loop(axis: FrictionAxis, record: Record, controller: PositionControll
         The record; its `reference` drives the loop.
     controller : PositionController
         The controller that ran when the record was taken, in the record's units of force.
-
-    Returns
-    -------
-    LoopReplay
 
     Raises
     ------

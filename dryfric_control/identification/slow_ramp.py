@@ -21,8 +21,7 @@ from dryfric_control.records.record_checks import MIN_SAMPLES
 from dryfric_control.store.files import replacing
 from dryfric_control.text import Result
 
-# Stribeck velocities beyond which the excess is gone (2 %), and switches below which
-# a crawl does not stick and slip.
+# Stribeck velocities beyond which the excess is gone, and fewest switches of stick-slip.
 _CLEAR, _STEADY = 2.0, 16
 
 
@@ -57,14 +56,10 @@ class SlowRamp(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers of the experiment, ready for JSON."""
-        return {
-            "dt": self.record.dt,
-            "duration": self.record.duration,
-            "low": float(self.reference.min()),
-            "high": float(self.reference.max()),
-            "switches": len(self.response.events),
-            **{name: getattr(self.controller, name) for name in ("kp", "ki", "kd")},
-        }
+        low, high = float(self.reference.min()), float(self.reference.max())
+        run = {"dt": self.record.dt, "duration": self.record.duration, "low": low, "high": high}
+        gains = {name: getattr(self.controller, name) for name in ("kp", "ki", "kd")}
+        return run | {"switches": len(self.response.events)} | gains
 
     @panels(2)
     def plot(self, axes: Any) -> str:

@@ -23,15 +23,12 @@ from dryfric_control.text import Result, fields_of, plain_data
 from dryfric_control.ties import NEAR, above
 from dryfric_control.units import check_units
 
-_FEWEST = 5
 # Where the search starts: excess, width of the peak over the high velocities (this quantile),
 # and stick velocity over that width.
 _EXCESS, _SPEEDS, _FAST, _STICK = 0.2, (0.3, 0.03, 0.003), 0.98, (1.0, 0.01)
-# Shorter halts do not differ from a reading that lags.
-_SHORTEST = 10
-# A move shorter than this part of the long slips is part of one stick phase:
-# noise, or the creep at its beginning.
-_SLIP = 0.1
+# Fewest stick phases.  Shorter halts do not differ from a reading that lags; a move shorter than
+# this part of the long slips is part of one stick phase: noise, or the creep at its beginning.
+_FEWEST, _SHORTEST, _SLIP = 5, 10, 0.1
 # Slips that a replay runs on before it starts anew.
 _STRETCH = 5
 
@@ -110,13 +107,10 @@ class StribeckIdentification(Result):
             axes[0].plot(one.x[some], one.u[some], "k-", lw=0.8, label=name)
             axes[1].plot(one.t[some], one.u[some], "k-", lw=0.8)
         places = np.linspace(float(record.x.min()), float(record.x.max()), 200)
-        for s in (1, -1):
-            for of, line, colour, name in (
-                (self.axis.coulomb, "--", "C2", "Coulomb level"),
-                (self.axis.breakaway, ":", "C3", "breakaway friction force"),
-            ):
-                label = name if s == 1 else None
-                axes[0].plot(places, s * of(places, s), line, color=colour, lw=1, label=label)
+        for s, level, most in ((1, "Coulomb level", "breakaway friction force"), (-1, None, None)):
+            low, high = s * self.axis.coulomb(places, s), s * self.axis.breakaway(places, s)
+            axes[0].plot(places, low, "--", color="C2", lw=1, label=level)
+            axes[0].plot(places, high, ":", color="C3", lw=1, label=most)
         labelled(axes[0], f"position [{length}]", f"drive force [{force}]")
         labelled(axes[1], "Time [s]", f"drive force [{force}]", legend=False)
         if self.measured is not None:
@@ -194,10 +188,6 @@ def identify_stribeck(
     progress : bool, optional
         Whether to show a progress bar.
 
-    Returns
-    -------
-    StribeckIdentification
-
     Raises
     ------
     ValueError
@@ -244,8 +234,12 @@ def identify_stribeck(
     if controller is None:
         return StribeckIdentification(found, ripple(record), None, None)
     loop = replay_loop(found.axis, record, controller)
+    x, u, quantum = loop.response.y[5], loop.response.y[4], record.quantum or 0.0
+    replayed = None  # where friction holds the axis all along
+    if np.ptp(x) > 0.0:
+        replayed = ripple(Record(record.t, u, x, record.reference, quantum=quantum))
     branches = _branches(found.axis, record, controller, sticks)
-    return StribeckIdentification(found, ripple(record), _replayed(loop), loop, branches)
+    return StribeckIdentification(found, ripple(record), replayed, loop, branches)
 
 
 def _branches(
@@ -267,13 +261,6 @@ def _branches(
         run = simulate_loop(axis, controller, r, disturbance=np.full(r.size, push), **start)
         found.append(part.replace(u=run.y[4] + push, x=run.y[0]))
     return tuple(found)
-
-
-def _replayed(loop: LoopReplay) -> Ripple | None:
-    y, record = loop.response.y, loop.record
-    if np.ptp(y[5]) == 0.0:  # held by its friction all along
-        return None
-    return ripple(Record(record.t, y[4], y[5], record.reference, quantum=record.quantum or 0.0))
 
 
 def _guesses(

@@ -10,13 +10,12 @@ from dryfric_control.diagnosis.causes import cause_of, hardly_determined
 
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
 OWN = {name: f"cogging_2.{name}" for name in ("amplitude", "period", "phase")}
-VALUES = dict(zip(OWN.values(), (0.5, 0.01, 0.2), strict=True))
-UNITS = dict(zip(OWN.values(), ("N", "m", "rad"), strict=True))
 
 
 def cause(amplitude_error, axis=AXIS):
-    errors = dict(zip(OWN.values(), (amplitude_error, 0.02, 5.0), strict=True))
-    return cause_of(axis, "cogging", OWN, VALUES, errors, UNITS, (2.0, 0.1), ["spring"])
+    fitted = (0.5, amplitude_error, "N"), (0.01, 0.02, "m"), (0.2, 5.0, "rad")
+    fitted = dict(zip(OWN.values(), fitted, strict=True))
+    return cause_of(axis, "cogging", OWN, fitted, (2.0, 0.1), ["spring"])
 
 
 def test_a_cause_has_the_numbers_of_the_fit_under_its_own_names():
@@ -42,10 +41,8 @@ def test_what_a_record_leaves_open_is_said(error):
 
 
 def test_a_parameter_called_as_its_cause_is_named_once():
-    open_ = cause_of(
-        AXIS, "viscous", {"viscous": "viscous"}, {"viscous": 15.0}, {"viscous": 9.0},
-        {"viscous": "N s/m"}, (2.0, 0.1),
-    )  # fmt: skip
+    fitted = {"viscous": (15.0, 9.0, "N s/m")}
+    open_ = cause_of(AXIS, "viscous", {"viscous": "viscous"}, fitted, (2.0, 0.1))
     assert hardly_determined(AXIS, [open_]) == ["viscous is hardly determined by this record"]
 
 

@@ -187,11 +187,13 @@ def there(slope, way=1.0):
     return dfc.MotionProfile(DT, np.cumsum(v) * DT, v, np.gradient(v, DT))
 
 
-@pytest.mark.parametrize("delay", [0.0, 2.5e-3])
-def test_how_fast_a_reference_is_before_its_friction_is_fed_forward(delay):
-    comp = dfc.design_compensation(AXIS, DT, 1e-6, delay)
-    # Given early by the lead, at an axis without delay; late at one with all of it.
-    early, late = comp.lead, math.ceil(delay / DT) + 1 - comp.lead
+@pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (2.5e-3, 0.0), (0.0, 1.5e-3)])
+def test_how_fast_a_reference_is_before_its_friction_is_fed_forward(delay, lag):
+    axis = AXIS.replace(effects=(fx.ActuatorLag(lag),) if lag else ())
+    comp = dfc.design_compensation(axis, DT, 1e-6, delay)
+    # Given early by the lead, at an axis without delay; late at one with all of it, and
+    # behind a lag after five of its time constants, when 1 % is missing.
+    early, late = comp.lead, math.ceil((delay + 5.0 * lag) / DT) + 1 - comp.lead
     certified = []
     for way in (1.0, -1.0):
         found = certificates._unfed(comp, there(3.0, way))
@@ -214,6 +216,22 @@ def test_a_reference_that_moves_from_the_start_leaves_its_momentum_to_be_made_up
     # sample, which makes 1 %.
     assert certificate.parts["inertia"] == pytest.approx(2.0 * error, rel=0.02)
     assert error <= certificate.tube
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [(), (fx.InputDelay(1.4e-3),), (fx.ActuatorLag(2e-3),), (fx.InputDelay(1.4e-3), fx.ActuatorLag(2e-3))],
+    ids=["at once", "delay", "lag", "both"],
+)  # fmt: skip
+def test_inertia_of_the_tube_is_the_error_of_the_loop(effects):
+    """Nearly without friction and mismatch the bound is reached, by the feedforward alone."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=1e-6, effects=effects)
+    comp = dfc.design_compensation(axis, DT, 0.0, mismatch=1e-6)
+    move = dfc.motion_profile(0.02, DT, velocity=0.1, acceleration=2.0, jerk=80.0)
+    error, bound = largest(axis, comp, move), comp.certify(reference=move).parts["inertia"]
+    # The force that is missing is its mean over a sample; of a delay known to 0.4 of a sample
+    # only what changes within one is left, 0.2 um.
+    assert bound == pytest.approx(error, rel=0.02, abs=2e-8)
 
 
 def friction_program(g, gv, largest, sliding, signs, t):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 import truth
 from diagnosis_cases import among, believed, record
 
 import dryfric_control as dfc
+from dryfric_control.estimation.force_view import ForceView, prepare_force
 
 
 def walked(
@@ -67,11 +71,42 @@ def test_level_of_each_record_is_found_where_a_bench_makes_the_motion() -> None:
     assert "force that the motion needs" in d.summary()
 
 
+@pytest.mark.parametrize("gain", [0.5, 2.0])
+def test_innovations_are_in_units_of_the_drive(gain: float) -> None:
+    """A drive recorded 0.3 too large is off by as much, whatever the gain behind it."""
+    effects = (dfc.effects.InputGain(gain),)
+    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0, effects=effects)
+    one = walked(7.0)
+    view = ForceView(axis, (), [prepare_force(one.replace(u=one.u / gain + 0.3), "first")])
+    innovations, variances = view.innovations(view.start(), 0)[0]
+    assert np.mean(innovations[variances > 0.0]) == pytest.approx(-0.3, abs=0.02)
+
+
+@dataclass(frozen=True)
+class Settled(dfc.effects.Effect):
+    """Friction that is higher in some places right after a rest."""
+
+    rise: float = dfc.effects.parameter("1", "relative rise of the level", bounds=(0.0, 10.0))
+
+    slug = title = "settled"
+    action = "friction"
+    remembers = True
+    explanation = "Grease settles in some places."
+    experiment = "Rest there."
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):
+        return level * p[0] * math.exp(-rest) * math.sin(900.0 * x) ** 2
+
+
 def test_cogging_is_found_where_a_bench_makes_the_motion() -> None:
     axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
     with among("cogging", "time_periodic", "spring", "presliding", "backlash", "saturation"):
+        dfc.effects.register_effect(Settled)
         d = dfc.diagnose(axis, walked(7.0, 1.5), known=("mass",), hold="first", progress=False)
     assert [cause.effect for cause in d.causes] == ["cogging"]
+    # What an effect remembers is not in the motion, but for the strain of a contact.
+    assert "presliding" in d.scores and "settled" not in d.scores
     assert d.causes[0].parameters["amplitude"] == pytest.approx(1.5, rel=0.02)
     assert d.causes[0].parameters["period"] == pytest.approx(7e-3, rel=1e-3)
     assert d.verdict == "explained"

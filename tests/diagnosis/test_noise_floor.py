@@ -5,7 +5,7 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.verdict import Floor, far_above, noise_floor, usual_rms
-from dryfric_control.estimation.windows import cut
+from dryfric_control.estimation.windows import Windows, cut
 
 DT = 1e-3
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
@@ -179,12 +179,27 @@ def test_a_drive_that_acts_in_steps_has_no_rounding():
     bench = cut(made(steps=0.2))
     known = np.ones(len(bench), bool)
     at = bench.evaluate(AXIS, known)
-    small, large = (
+    small, some, large, larger = (
         noise_floor(bench, AXIS, [AXIS] * 4, at, known, force=part * 0.2 / np.sqrt(12.0))
-        for part in (0.01, 0.9)
+        for part in (0.01, 0.6, 0.9, 3.0)
     )
     assert np.median(small.squares) == pytest.approx(QUANTUM**2 / 12.0, rel=0.1)
     assert np.median(large.squares) > 4.0 * np.median(small.squares)
+    # A random force up to that of the rounding is the rounding; beyond, the rounding is a part.
+    np.testing.assert_array_equal(some.squares, large.squares)
+    assert np.median(larger.squares) > 2.0 * np.median(large.squares)
+
+
+def test_replays_that_diverge_are_left_out(monkeypatch):
+    bench, far, run = cut(made()), AXIS.replace(mass=2.5), Windows.run
+    known = np.ones(len(bench), bool)
+    at = bench.evaluate(AXIS, known)
+    monkeypatch.setattr(
+        Windows, "run", lambda w, one, **how: run(w, one, **how) + (np.inf if one is far else 0.0)
+    )
+    floor = noise_floor(bench, AXIS, [AXIS, far, AXIS], at, known)
+    assert floor.scores.shape == floor.squares.shape == (2, len(bench))
+    assert noise_floor(bench, AXIS, [far], at, known).scores.tolist() == [[0.0] * len(bench)]
 
 
 def test_only_windows_asked_for_are_scored():

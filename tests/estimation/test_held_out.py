@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.search import evidence, long_run
 from dryfric_control.estimation.likelihood import Likelihood, prepare
+from dryfric_control.estimation.random_force import integrated, products
 from dryfric_control.estimation.scoring import maximise
 
 DT = 1e-3
@@ -127,3 +129,13 @@ def test_coloured_innovations_count_as_fewer():
         walk[k] = keep * walk[k - 1] + np.sqrt(1.0 - keep**2) * rng.standard_normal()
     problem = Problem(AXIS, (prepare(driven(AXIS, levels=1.5 * walk)),))
     assert long_run(problem.fit(AXIS)) > 2.0
+
+
+def test_long_run_power_of_a_process_of_first_order():
+    """Of correlation p from sample to sample: (1 + p)/(1 - p) times that of white noise."""
+    n, p = 200_000, 0.8
+    walk = lfilter([1.0], [1.0, -p], np.random.default_rng(2).standard_normal(n))
+    sums = products(walk, 200)
+    np.testing.assert_allclose(sums[[0, 3]], [walk @ walk, walk[3:] @ walk[:-3]], rtol=1e-9)
+    # The sum over some 25 lags is known to 2 %.
+    assert 1.0 + integrated(sums / sums[0], n) == pytest.approx(9.0, rel=0.06)

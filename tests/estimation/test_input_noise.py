@@ -20,7 +20,7 @@ def heard(seed: int = 0) -> np.ndarray:
 def test_it_errs_less_than_any_window_of_one_length():
     left = np.std(without_noise(heard(), 1.25) - U)
     fixed = min(np.std(savgol_filter(heard(), n, 2) - U) for n in range(5, 131, 4))
-    assert left < 0.7 * fixed
+    assert left < 0.5 * fixed
 
 
 def test_what_it_takes_off_is_no_motion():

@@ -5,7 +5,12 @@ import pytest
 from scipy import stats
 
 import dryfric_control as dfc
-from dryfric_control.estimation.uncertainty import jackknife, ratio_interval
+from dryfric_control.estimation.uncertainty import (
+    degrees_of_freedom,
+    expanded,
+    jackknife,
+    ratio_interval,
+)
 
 
 def test_standard_error_of_a_mean():
@@ -29,6 +34,22 @@ def test_jackknife_is_that_of_refits_without_one_block():
         [np.linalg.lstsq(columns[labels != b], y[labels != b], rcond=None)[0] for b in range(8)]
     )
     np.testing.assert_allclose(covariance, 7.0 * np.cov(refits.T, ddof=0), rtol=1e-4)
+
+
+def test_degrees_of_freedom_of_equal_blocks_and_of_one_that_rules():
+    """Of n equal blocks n - 1 are left beside a mean; of one that determines it alone, one."""
+    none, blocks = np.empty((0, 1)), np.ones((12, 1, 1))
+    assert degrees_of_freedom(blocks, np.zeros(1), none) == pytest.approx(11.0, rel=1e-4)
+    blocks[3] = 1e4
+    assert degrees_of_freedom(blocks, np.zeros(1), none) == pytest.approx(1.0, abs=1e-2)
+
+
+def test_intervals_of_few_blocks_are_those_of_student():
+    """Of normal steps; a quantile of 100 000 at 2 % is known to 0.01."""
+    steps = np.random.default_rng(4).standard_normal((100_000, 2))
+    low, high = expanded(steps, 0.9, np.array([5.0, 1e9]))
+    ends = stats.t.ppf(0.95, [5.0, 1e9])
+    np.testing.assert_allclose([-low, high], [ends, ends], rtol=0, atol=0.04)
 
 
 def test_interval_of_a_ratio_of_errors():

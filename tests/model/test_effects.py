@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 import dryfric_control as dfc
 from dryfric_control.estimation.parameters import Scales, choose, values_of, with_values
 from dryfric_control.model.effects.effect import REGISTRY
+from dryfric_control.model.effects.levels import carrying
 
 DT = 1e-3
 MASS, VISCOUS, COULOMB = 2.0, 3.0, 5.0
@@ -263,3 +264,20 @@ def test_limits_and_dead_zones_within_noise_are_none():
     assert not dfc.effects.DeadZone(0.5).beyond_noise(noisy, 0.3)
     assert dfc.effects.DeadZone(0.8).beyond_noise(noisy, 0.3)
     assert dfc.effects.InputGain(1.01).beyond_noise(noisy, 0.3)  # noise does not imitate it
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [(dfc.effects.BiasForce(1.0), dfc.effects.CoulombAsymmetry(0.5)), (dfc.effects.Backlash(2e-4, 0.4),)],
+    ids=["forces", "two masses"],
+)  # fmt: skip
+def test_load_that_rubs_is_as_good_as_more_mass_and_friction(effects):
+    """While the drive does not brake: (1 - c) u + (1 + c) e = m a + f v + F_c."""
+    axis = axis_with(*effects)
+    values = carrying(axis, 0.8)
+    rubbing = axis.replace(effects=(*effects, dfc.effects.LoadDependence(0.2)))
+    other = with_values(rubbing, list(values), list(values.values()))
+    assert other.mass < axis.mass
+    u = 20.0 + 5.0 * np.sin(6.0 * DT * np.arange(1000))
+    x, y = (one.simulate(u, DT).y[0] for one in (axis, other))
+    np.testing.assert_allclose(y, x, rtol=0, atol=1e-8 * np.ptp(x))

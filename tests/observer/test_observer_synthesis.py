@@ -17,7 +17,7 @@ from dryfric_control.observer.error_model import (
     mode_classes,
     mode_matrices,
 )
-from dryfric_control.observer.switching import allowed_pairs, window_graph
+from dryfric_control.observer.switching import allowed_pairs, dwell_graph, window_graph
 from dryfric_control.observer.synthesis import Scales, certified_solution, scales_of
 
 DT = 1e-3
@@ -169,6 +169,31 @@ def test_transition_table_follows_the_window():
         node = table[node, mode + 1]
     # +1 and -1 are one class
     assert design.graph.names[node] == "1,0,1"
+
+
+@pytest.mark.parametrize("longest", [2, 6])
+def test_a_dwell_graph_counts_the_last_two_runs(longest):
+    """Along random modes, against the runs counted by hand; sticking up to 4 and 2 samples."""
+    graph = dwell_graph(allowed_pairs({0: 0, 1: 1, -1: -1}, None), longest)
+    following, rng = graph.next_nodes(), np.random.default_rng(0)
+    modes = np.repeat(rng.choice((-1, 0, 1), 300), rng.integers(1, 10, 300)).tolist()
+    node = graph.resting()[modes[0]]
+    for k, mode in enumerate(modes[1:], 2):
+        node = following[node, mode]
+        runs = [(key, len([*run])) for key, run in itertools.groupby(modes[:k])]
+        if len(runs) > 2:
+            (before, lasted), (key, age) = runs[-2:]
+            age, lasted = min(age, longest if key else 4), min(lasted, longest if before else 2)
+            assert graph.labels[node] == key == mode
+            assert graph.names[node] == f"{key} for {min(age, longest)} after {before} for {lasted}"
+
+
+def test_noise_by_default_is_four_times_that_of_rounding():
+    """Half the natural frequency that rounding allows: a quarter of the ratio of force to noise."""
+    weights = default_weights(reference_axis(), DT, encoder_quantum=1e-5)
+    assert weights.noise == pytest.approx(4.0 * 1e-5 / np.sqrt(12.0))
+    ratio = DT**2 * 0.2 * 8.0 / weights.noise
+    assert weights.bandwidth == pytest.approx(np.sqrt(ratio))
 
 
 @pytest.mark.parametrize("rate", [1e-9, 0.4, 500.0, 5e4])

@@ -265,14 +265,18 @@ def test_axis_text_is_plain_toml(tmp_path):
     assert dfc.read_axis(path).name == 'a "b" \\ \n\x7f é'
 
 
+@pytest.fixture(scope="module")
+def sound_files(tmp_path_factory):
+    return damage.sound_files(tmp_path_factory.mktemp("sound"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", damage.READERS)
-def test_damaged_files_are_refused_or_read_soundly(kind, tmp_path_factory):
+def test_damaged_files_are_refused_or_read_soundly(kind, sound_files, tmp_path):
     """A moment of ``benchmarks/fuzz_readers.py``, always the same."""
-    folder = tmp_path_factory.mktemp("fuzz")
-    sound = damage.sound_files(folder).get(kind)
-    if sound is None:
+    if kind not in sound_files:
         pytest.skip(f"the library that reads {kind} is not installed")
+    sound, folder = sound_files[kind], tmp_path
     assert [damage.verdict(kind, content, folder) for content in sound] == ["taken"] * len(sound)
 
     @settings(max_examples=100, phases=[Phase.generate], suppress_health_check=list(HealthCheck))

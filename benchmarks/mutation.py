@@ -49,6 +49,7 @@ _DIAGNOSIS = (
     "tests/estimation/test_held_out.py",
     "tests/diagnosis/test_candidates.py",
     "tests/diagnosis/test_several_causes.py",
+    "tests/diagnosis/test_imposed.py",
     "tests/model/test_new_effect.py",
 )
 TARGETS = {

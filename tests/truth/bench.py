@@ -66,47 +66,29 @@ EQUAL = frozenset(
 
 @dataclass(frozen=True)
 class Case:
-    """One record with everything that is true about it.
+    """One record, of n samples, with everything that is true about it."""
 
-    Attributes
-    ----------
-    t, u, x, reference : ndarray, shape (n,)
-        Time [s], held drive force [N], encoder reading [m], reference [m].
-    quantum, noise : float
-        Encoder quantum and standard deviation of its noise [m].
-    believed, actual : dict
-        Base axis as the user believes it and as it is: mass, viscous, coulomb,
-        stribeck (None or excess and speed), stick_speed, travel.
-    truth : dict
-        Hidden effects, {slug: {parameter: value}}; empty for a clean record.
-    twins : dict
-        {slug: (slug, ...)}: effects that give the very same record on this axis,
-        whatever is done with it (a bias is an asymmetry without a Stribeck peak).
-    visibility : dict
-        Score of each hidden effect; see the module's docstring.
-    unit : str
-        "m" or "rad"; forces are then N or N m, masses kg or kg m^2.
-    states : ndarray, shape (n, 7)
-        True states, for checks of the generator only.
-    """
-
-    t: Array
-    u: Array
-    x: Array
+    t: Array  # [s]
+    u: Array  # held drive force [N], or N m on an axis in rad
+    x: Array  # encoder reading [m or rad]
     reference: Array
-    quantum: float
-    noise: float
+    quantum: float  # of the encoder
+    noise: float  # standard deviation of its noise
+    # Base axis as the user believes it and as it is: mass, viscous, coulomb, stribeck (None or
+    # excess and speed), stick_speed, travel.
     believed: dict[str, Any]
     actual: dict[str, Any]
-    truth: Effects
+    truth: Effects  # hidden effects, {slug: {parameter: value}}; empty for a clean record
+    # {slug: (slug, ...)}: effects that give the very same record on this axis, whatever is done
+    # with it (a bias is an asymmetry without a Stribeck peak).
     twins: dict[str, tuple[str, ...]]
-    visibility: dict[str, float]
+    visibility: dict[str, float]  # score of each hidden effect, see above
     condition: str
     seed: int
-    unit: str
+    unit: str  # "m" or "rad"
     plant: Plant
     substeps: int
-    states: Array
+    states: Array  # true ones, shape (n, 7), for checks of the generator only
 
 
 def make_case(

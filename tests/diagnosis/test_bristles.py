@@ -38,6 +38,7 @@ def found():
     return dfc.diagnose(axis, dfc.Record(t, u, y), progress=False)
 
 
+@pytest.mark.slow
 def test_bristles_and_peak_are_found_and_nothing_else(found):
     assert found.verdict == "explained"
     assert {c.effect for c in found.causes} == {"presliding", "stribeck"}

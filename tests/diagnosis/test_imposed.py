@@ -99,6 +99,7 @@ class Settled(dfc.effects.Effect):
         return level * p[0] * math.exp(-rest) * math.sin(900.0 * x) ** 2
 
 
+@pytest.mark.slow
 def test_cogging_is_found_where_a_bench_makes_the_motion() -> None:
     axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
     with among("cogging", "time_periodic", "spring", "presliding", "backlash", "saturation"):
@@ -124,6 +125,7 @@ def test_causes_are_found_beside_levels_of_each_record() -> None:
     assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_soft_contact_is_found_where_a_bench_makes_the_motion() -> None:
     # Without it the force after a turn would pass for viscous friction or a falling level.
     axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
@@ -167,6 +169,7 @@ def test_a_level_that_grows_is_not_put_down_to_the_load() -> None:
     assert d.varies["coulomb"]["values"] == pytest.approx((5.4, 8.8), rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_spring_beside_a_force_of_each_record_has_no_rest_of_its_own() -> None:
     axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
     records = []

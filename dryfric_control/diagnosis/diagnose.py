@@ -351,18 +351,11 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         if problem.runs is not recorded:
             begun = problem.fit(begun.axis, noises=noises_of(begun), turns=SOME)
         search.now = Model(begun)
-        forced = imposed(problem, begun)
-        if forced is not None:
-            motion, search = search, Search(forced[0], tell, now=Model(forced[1]))
-            found = search.run(search.now)
-            there = moving(problem, begun, found)
-            if there is not None:
-                model = motion.run(motion.pruned(there))
-                if model.fit.cost < problem.straight_line.cost - CLEAR_OF * problem.samples:
-                    return motion, model, False
-            if begun.cost > problem.straight_line.cost + BEHIND * problem.samples:
-                return search, found, False
-            search = motion
+        line = problem.straight_line.cost
+        if begun.cost > line:
+            found = _by_force(search, begun)
+            if found is not None:
+                return *found, False
         first = search.best(Model(begun))
         fall = 0.0 if first is None else begun.cost - first.fit.cost
         early = led(problem, begun) if AHEAD * search.early > fall else None
@@ -373,9 +366,35 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         again = _reconsidered(search, model, recorded)
         if again is not None:
             search, model = again
+        clear = line - CLEAR_OF * problem.samples
+        if begun.cost <= line and (model.fit.cost > clear or problem.muted(model.fit)):
+            found = _by_force(search, begun)
+            if found is not None and found[1].fit.cost < model.fit.cost:
+                search, model = found
     except KeyboardInterrupt:
         return search, search.now, True
     return search, model, False
+
+
+def _by_force(search: Search, begun: Solution) -> tuple[Search, Model] | None:
+    """The search continued from what the force of the motion shows, if that explains it.
+
+    In the view of the force itself where the drive follows an imposed motion.
+    """
+    problem = search.problem
+    forced = imposed(problem)
+    if forced is None:
+        return None
+    other = Search(forced[0], search.tell, now=Model(forced[1]))
+    found = other.run(other.now)
+    there = moving(problem, begun, found)
+    if there is not None:
+        motion = Search(problem, search.tell, search.not_tried, now=there)
+        model = motion.run(motion.pruned(there))
+        if model.fit.cost < problem.straight_line.cost - CLEAR_OF * problem.samples:
+            return motion, model
+    behind = begun.cost > problem.straight_line.cost + BEHIND * problem.samples
+    return (other, found) if behind else None
 
 
 def _reconsidered(

@@ -96,13 +96,8 @@ def led(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
     return None
 
 
-def imposed(problem: Problem, begun: Solution) -> tuple[Problem, Solution] | None:
-    """The problem in the view of the force, where a straight line beats the rigid axis.
-
-    None where the drive does not match the force that the motion requires, either.
-    """
-    if begun.cost <= problem.straight_line.cost:
-        return None
+def imposed(problem: Problem) -> tuple[Problem, Solution] | None:
+    """The problem in the view of the force; None if the drive is not what the motion requires."""
     runs = tuple(prepare_force(r.record, problem.hold) for r in problem.runs)
     force = replace(problem, runs=runs, view=ForceView)
     fit = Search(force).alone()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from diagnosis_cases import among
 from numba import njit
 
 import dryfric_control as dfc
@@ -29,17 +30,14 @@ def controlled(reference, dt, steps, k):
     return y, u
 
 
-@pytest.fixture(scope="module")
-def found():
-    t = 1e-3 * np.arange(7000)
-    reference = 0.1 * np.sin(1.7 * t) + 0.04 * np.sin(4.1 * t) + 0.02 * np.sin(11.0 * t)
+def swinging(sizes, speeds, samples):
+    t = 1e-3 * np.arange(samples)
+    reference = sum(a * np.sin(w * t) for a, w in zip(sizes, speeds, strict=True))
     y, u = controlled(reference, 1e-3, 200, 3e3)
-    axis = dfc.FrictionAxis(mass=M, viscous=F, coulomb=FC)
-    return dfc.diagnose(axis, dfc.Record(t, u, y), progress=False)
+    return dfc.Record(t, u, y)
 
 
-@pytest.mark.slow
-def test_bristles_and_peak_are_found_and_nothing_else(found):
+def contact_and_peak(found):
     assert found.verdict == "explained"
     assert {c.effect for c in found.causes} == {"presliding", "stribeck"}
     effect = found.extended.effects[0]
@@ -50,3 +48,19 @@ def test_bristles_and_peak_are_found_and_nothing_else(found):
     assert found.extended.stribeck.excess == pytest.approx(EXCESS, rel=0.05)
     assert found.gain.ratio > 100.0
     assert found.extended.effective().stribeck == found.extended.stribeck
+
+
+AXIS = dfc.FrictionAxis(mass=M, viscous=F, coulomb=FC)
+
+
+@pytest.mark.slow
+def test_bristles_and_peak_are_found_and_nothing_else():
+    record = swinging((0.1, 0.04, 0.02), (1.7, 4.1, 11.0), 7000)
+    contact_and_peak(dfc.diagnose(AXIS, record, progress=False))
+
+
+@pytest.mark.slow
+def test_they_are_found_where_a_straight_line_predicts_as_well_as_a_rigid_axis():
+    record = swinging((0.03, 0.01, 0.004), (0.9, 3.1, 7.0), 5000)
+    with among("presliding", "stribeck", "backlash", "load_asymmetry", "cogging", "viscous"):
+        contact_and_peak(dfc.diagnose(AXIS, record, progress=False))

@@ -387,7 +387,7 @@ def _by_force(search: Search, begun: Solution) -> tuple[Search, Model] | None:
         return None
     other = Search(forced[0], search.tell, now=Model(forced[1]))
     found = other.run(other.now)
-    there = moving(problem, begun, found)
+    there = None if problem.late else moving(problem, begun, found)
     if there is not None:
         motion = Search(problem, search.tell, search.not_tried, now=there)
         model = motion.run(motion.pruned(there))

@@ -365,3 +365,13 @@ def test_bad_samples_leave_the_stepper_as_it_was():
         stepper.filter.run([1.0, 2.0])
     with pytest.warns(ObserverWarning, match="leaves out presliding"):
         dfc.hybrid_filter(stage(effects=(Presliding(distance=1e-5),)))
+
+
+def test_the_mode_is_wrong_in_less_than_two_percent_of_the_samples():
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    u = 12.0 * np.sin(3e-3 * np.arange(4000))
+    plant = axis.simulate(u, dt=1e-3)
+    y = 1e-5 * np.round(plant.y[0] / 1e-5)
+    estimate = dfc.hybrid_filter(axis, dt=1e-3, encoder_quantum=1e-5).run(u, y)
+    assert np.mean(estimate.mode != plant.mode) < 0.02
+    assert set(plant.mode) == {-1, 0, 1}

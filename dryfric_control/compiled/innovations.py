@@ -388,8 +388,7 @@ def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, fi
 def _stiff(plant, x, way, z):
     """Stiffness along a way of bristles deflected by z over that of unstrained ones."""
     s = 1.0 if way > 0.0 else -1.0
-    left = 1.0 - s * z / _longest(plant, x, s)
-    return max(left, 0.0)
+    return max(1.0 - s * z / _longest(plant, x, s), 0.0)
 
 
 @step.internal

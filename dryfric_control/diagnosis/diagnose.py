@@ -29,8 +29,6 @@ from dryfric_control.diagnosis.search import Model, Search, evidence
 from dryfric_control.diagnosis.thresholds import (
     AHEAD,
     ANSWER,
-    BEHIND,
-    CLEAR_OF,
     ENOUGH,
     LEAST_WINDOWS,
     RIVALS,
@@ -351,8 +349,8 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         if problem.runs is not recorded:
             begun = problem.fit(begun.axis, noises=noises_of(begun), turns=SOME)
         search.now = Model(begun)
-        line = problem.straight_line.cost
-        if begun.cost > line:
+        behind = begun.cost > problem.straight_line.cost
+        if behind:
             found = _by_force(search, begun)
             if found is not None:
                 return *found, False
@@ -366,8 +364,8 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         again = _reconsidered(search, model, recorded)
         if again is not None:
             search, model = again
-        clear = line - CLEAR_OF * problem.samples
-        if begun.cost <= line and (model.fit.cost > clear or problem.muted(model.fit)):
+        explained = problem.clear_of_line(model.fit) and not problem.muted(model.fit)
+        if not (behind or explained or problem.late):
             found = _by_force(search, begun)
             if found is not None and found[1].fit.cost < model.fit.cost:
                 search, model = found
@@ -382,19 +380,17 @@ def _by_force(search: Search, begun: Solution) -> tuple[Search, Model] | None:
     In the view of the force itself where the drive follows an imposed motion.
     """
     problem = search.problem
-    forced = imposed(problem)
-    if forced is None:
+    other = imposed(problem, search.tell)
+    if other is None:
         return None
-    other = Search(forced[0], search.tell, now=Model(forced[1]))
     found = other.run(other.now)
     there = None if problem.late else moving(problem, begun, found)
     if there is not None:
         motion = Search(problem, search.tell, search.not_tried, now=there)
         model = motion.run(motion.pruned(there))
-        if model.fit.cost < problem.straight_line.cost - CLEAR_OF * problem.samples:
+        if problem.clear_of_line(model.fit):
             return motion, model
-    behind = begun.cost > problem.straight_line.cost + BEHIND * problem.samples
-    return (other, found) if behind else None
+    return (other, found) if problem.behind_line(begun) else None
 
 
 def _reconsidered(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import cast
 
@@ -39,7 +39,7 @@ def quieter(problem: Problem, recorded: Sequence[Run], fit: Solution, most: bool
     force, and a lag that filters it would seem to be a cause.
     """
     found = {0.0: tuple(recorded)}
-    force = max(fit.random_force(i) for i in range(len(recorded)))
+    force = fit.largest_force
     for width in thresholds.WIDTHS[1:]:
         runs = tuple(replace(r, u=without_noise(r.u, width)) for r in recorded)
         off = [a.u - b.u for a, b in zip(recorded, runs, strict=True)]
@@ -96,8 +96,8 @@ def led(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
     return None
 
 
-def imposed(problem: Problem) -> tuple[Problem, Solution] | None:
-    """The problem in the view of the force; None if the drive is not what the motion requires."""
+def imposed(problem: Problem, tell: Callable[..., None]) -> Search | None:
+    """A search in the view of the force; None if the drive is not what the motion requires."""
     runs = tuple(prepare_force(r.record, problem.hold) for r in problem.runs)
     force = replace(problem, runs=runs, view=ForceView)
     fit = Search(force).alone()
@@ -106,12 +106,11 @@ def imposed(problem: Problem) -> tuple[Problem, Solution] | None:
     if _one_velocity(force):
         force = replace(force, steady=True)
         fit = Search(force).alone()
-    if not _follows(fit):
-        # An effect such as gravity may make up most of the required force.
-        rows = Search(force).round(Model(fit))
-        if not any(_follows(r.fit) for r in rows if not r.reason):
-            return None
-    return force, fit
+    search = Search(force, tell, now=Model(fit))
+    # An effect such as gravity may make up most of the required force.
+    if _follows(fit) or any(_follows(r.fit) for r in search.round(search.now) if not r.reason):
+        return search
+    return None
 
 
 def moving(problem: Problem, begun: Solution, found: Model) -> Model | None:
@@ -120,7 +119,7 @@ def moving(problem: Problem, begun: Solution, found: Model) -> Model | None:
     A drive that holds an axis near breakaway bends its contact, where a rigid one predicts no
     motion: so with an elastic contact, too, unless the nominal axis has one.
     """
-    line, free, axis = problem.straight_line.cost, problem.free_of(found.fit), found.fit.axis
+    free, axis = problem.free_of(found.fit), found.fit.axis
     try:
         fit = problem.fit(axis, free, turns=SOME)
     except ValueError:
@@ -137,12 +136,11 @@ def moving(problem: Problem, begun: Solution, found: Model) -> Model | None:
         ]
         fits = problem.parallel(lambda start: problem.fit(start, own, turns=LAST), starts)
         # With a large random force the filter follows the readings, whatever the model.
-        fits = [s for s in fits if s.cost <= line + thresholds.BEHIND * problem.samples]
+        fits = [s for s in fits if not problem.behind_line(s)]
         if fits:
-            best = min(fits, key=lambda s: max(s.random_force(i) for i in range(len(problem.runs))))
+            best = min(fits, key=lambda s: s.largest_force)
             return Model(best, tuple(dict.fromkeys((*found.causes, name))))
-    clear = line - thresholds.CLEAR_OF * problem.samples
-    return Model(fit, found.causes) if fit.cost <= clear else None
+    return Model(fit, found.causes) if problem.clear_of_line(fit) else None
 
 
 def _apart(problem: Problem, now: Solution) -> tuple[Problem, Solution]:

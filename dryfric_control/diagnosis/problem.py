@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dryfric_control.compiled.innovations import DOUBTED
 from dryfric_control.compiled.likelihood import FREEDOM
 from dryfric_control.diagnosis.candidates import amounts, effect_class, holds, own_names, shown
-from dryfric_control.diagnosis.thresholds import LEAST, MUTED, SAME_FORCE
+from dryfric_control.diagnosis.thresholds import BEHIND, CLEAR_OF, LEAST, MUTED, SAME_FORCE
 from dryfric_control.estimation.force_view import ForceView
 from dryfric_control.estimation.likelihood import BASE, Likelihood, Run
 from dryfric_control.estimation.parameters import SHIFT, Scales, typical, values_of
@@ -98,8 +98,7 @@ class Problem:
 
     def muted(self, fit: Solution) -> bool:
         """Whether the random force is too large, beside the friction, to explain anything."""
-        force = max(fit.random_force(i) for i in range(len(self.runs)))
-        return not self.imposed and force > max(MUTED * fit.axis.coulomb.mean, 0.0)
+        return not self.imposed and fit.largest_force > max(MUTED * fit.axis.coulomb.mean, 0.0)
 
     def spent(self, fit: Solution) -> bool:
         """Whether no cause can be left: no force beside the friction, nor rare events.
@@ -107,8 +106,7 @@ class Problem:
         What acts rarely gains no more than what its outliers cost above the last doubtful reading,
         and what spares assumptions no more than these cost.
         """
-        force = max(fit.random_force(i) for i in range(len(self.runs)))
-        if self.imposed or not force < SAME_FORCE * fit.axis.coulomb.mean:
+        if self.imposed or not fit.largest_force < SAME_FORCE * fit.axis.coulomb.mean:
             return False
         assumed = fit.problem.prior(fit.z)
         rows = [
@@ -194,6 +192,14 @@ class Problem:
         """The axis without drive and friction, only its noises fitted."""
         line = FrictionAxis(mass=self.believed.mass, viscous=0.0, coulomb=CoulombMap.of(0.0))
         return self.reference(line, idle=True)
+
+    def clear_of_line(self, fit: Solution) -> bool:
+        """Whether a model clearly beats a straight line: its drive moves the axis."""
+        return fit.cost < self.straight_line.cost - CLEAR_OF * self.samples
+
+    def behind_line(self, fit: Solution) -> bool:
+        """Whether a straight line clearly beats a model."""
+        return fit.cost > self.straight_line.cost + BEHIND * self.samples
 
     def constant(self, name: str) -> bool:
         """Whether a parameter only adds a force of which every record has its own."""

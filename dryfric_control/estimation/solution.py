@@ -226,6 +226,11 @@ class Solution:
         """Standard deviation of the random force in record i, held over a sample [N]."""
         return math.sqrt(self.problem.noises(self.z, i)[0] / NORMAL)
 
+    @property
+    def largest_force(self) -> float:
+        """Standard deviation of the random force in the record where it is largest [N]."""
+        return max(self.random_force(i) for i in range(len(self.problem.runs)))
+
     def reading_noise(self, i: int = 0) -> float:
         """Standard deviation of a reading's noise in record i."""
         return math.sqrt(self.problem.noises(self.z, i)[1] / NORMAL)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -329,6 +331,47 @@ class Gram:
     def _chance(self, g: int) -> float:
         return CHANCE + self.odds[self.items[g].name]
 
+    def merges(
+        self, causes: Sequence[str]
+    ) -> Iterator[tuple[tuple[str, str], str, FrictionAxis, tuple[str, ...]]]:
+        """Pairs of causes, with the simplest effect that acts as both while the axis slides.
+
+        With its name come an axis with it in their place and the free parameters of that.
+        """
+        here, problem, slides = self.here, self.problem, self.here.direction != 0.0
+
+        def acting(*names: str) -> FloatArray:
+            axis = functools.reduce(problem.less, reversed(names), here.axis)
+            return -difference(axis, cast(View, here))[slides]
+
+        alone = {n: acting(n) for n in causes}
+        pairs = [*itertools.combinations([n for n in causes if np.any(alone[n])], 2)]
+        if not pairs:
+            return
+        force = np.stack([acting(*pair) for pair in pairs], axis=1)
+        # One that leaves as much of the force as the larger of the two does is no better than it.
+        most = [
+            SAME**2 * min(_left(alone[n][:, None], force[:, [k]])[1][0] for n in pair)
+            for k, pair in enumerate(pairs)
+        ]
+        best = [(math.inf, math.inf, "", dict[str, float]())] * len(pairs)
+        for one in (i for i in self.items if i.column.force):
+            c, left = _left(np.stack(one.column.force, axis=1)[slides], force)
+            count = len(effect_class(one.name).named_parameters())
+            for k, pair in enumerate(pairs):
+                new = effect_class(one.name) not in map(effect_class, pair)
+                allowed = not (one.column.positive and c[0, k] <= 0.0)
+                if new and allowed and left[k] < most[k] and (count, left[k]) < best[k][:2]:
+                    values = dict(one.column.values(c[:, k].tolist()))
+                    best[k] = count, float(left[k]), one.name, values
+        free = problem.free_of(self.fit)
+        for pair, (*_, name, values) in zip(pairs, best, strict=True):
+            if name:
+                rest = functools.reduce(problem.less, reversed(pair), self.fit.axis)
+                others = functools.reduce(problem.free_without, reversed(pair), free)
+                start = with_effect(rest, name, values)
+                yield pair, name, start.axis, (*others, *start.free)
+
     def proposals(self, every: bool = False) -> list[Proposal]:
         """Starts of fits, with the shapes whose cost is lowest in a pass.
 
@@ -434,6 +477,12 @@ class Gram:
         rise = now * np.where(amount, 1.0 + c, np.clip(1.0 + c, low, high))
         none = np.maximum(c, 0.0) * self.here.size / self.here.fast
         return np.where(now != 0.0, rise, none)
+
+
+def _left(columns: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Coefficients of columns that are nearest to some forces, and the squares that are left."""
+    c = np.asarray(np.linalg.lstsq(columns.T @ columns, columns.T @ force, rcond=1e-12)[0])
+    return c, ((force - columns @ c) ** 2).sum(axis=0)
 
 
 def _changes(name: str, effect: Effect, base: Sequence[str], view: View) -> Iterator[Column]:

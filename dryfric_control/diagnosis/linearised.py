@@ -102,6 +102,14 @@ class Linearised:
         """Drive after its gain and limits."""
         return applied(self.axis, self.x, self.v, self.u, ("input",))
 
+    @cached_property
+    def lift(self) -> FloatArray:
+        """Friction over its level, which a Stribeck peak raises."""
+        level = self.direction * self.level
+        more = with_values(self.axis, ["coulomb"], [self.axis.coulomb.mean * (1.0 + CHANGED)])
+        force = -difference(more, cast(View, self)) / CHANGED
+        return np.where(level * force > 0.0, force / np.where(level != 0.0, level, 1.0), 1.0)
+
     def columns(self, force: FloatArray, reading: FloatArray) -> FloatArray:
         """Weighted changes of the innovations, shape (n, c), see `respond`."""
         out = np.zeros((self.x.size, max(force.shape[1], reading.shape[1])))
@@ -135,7 +143,7 @@ class Linearised:
         known = {
             "mass": -self.axis.mass * self.a,
             "viscous": -self.v * (nominal.get("viscous") or self.size / self.fast),
-            "coulomb": -self.direction * self.level,
+            "coulomb": -self.direction * self.level * self.lift,
         }
         for name in (n for n in names if n not in known):
             more = with_values(self.axis, [name], [nominal[name] * (1.0 + CHANGED)])

@@ -24,7 +24,7 @@ from dryfric_control.estimation.scoring import SOME, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import named, put
+from dryfric_control.model.effects.naming import named, put, renumbered
 from dryfric_control.model.friction import CoulombMap
 
 FloatArray = NDArray[np.float64]
@@ -214,6 +214,11 @@ class Problem:
         """Free parameters of the effects of a model."""
         others = (*self.base, SHIFT, *self.also)
         return tuple(dict.fromkeys(n for n in now.problem.names if n not in others))
+
+    def free_without(self, free: Sequence[str], name: str) -> tuple[str, ...]:
+        """Free parameters, or causes, of a model without one of its effects."""
+        rest = [n for n in free if n.partition(".")[0] != name]
+        return tuple(rest if name in named(self.believed) else renumbered(rest, name))
 
     def parallel(self, function: Callable[..., Any], *arguments: Iterable[Any]) -> list[Any]:
         """Results of a function for each of some arguments, in threads."""

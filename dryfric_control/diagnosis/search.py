@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +16,6 @@ from dryfric_control.diagnosis.candidates import (
     effect_class,
     forms,
     held_by,
-    holds,
     with_effect,
 )
 from dryfric_control.diagnosis.gram import Gram, Proposal, raised
@@ -44,7 +44,7 @@ from dryfric_control.estimation.random_force import long_run
 from dryfric_control.estimation.scoring import FEW, SOME, continued, held, maximise, with_force
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import named, renumbered
+from dryfric_control.model.effects.naming import named
 
 FloatArray = NDArray[np.float64]
 
@@ -216,6 +216,8 @@ class Search:
     now: Any = None
     _rounds: dict[frozenset[str], tuple[Solution, list[Row]]] = field(default_factory=dict)
     _less: dict[str, Model] = field(default_factory=dict)
+    #: Starts with one effect in the place of two causes.
+    _merges: dict[frozenset[str], list[Any]] = field(default_factory=dict)
     #: The pass of the last round.
     view: Linearised | None = None
 
@@ -259,9 +261,11 @@ class Search:
                 row, there = self.best(now), self.refound(now)
                 if there is not None:
                     now = there
-                elif row is not None:
+                    continue
+                if row is not None:
                     now = self.opened(self.pruned(Model(row.fit, (*now.causes, *row.names))))
-                elif now.causes:
+                # Nothing joins, or what did is not there beside the others.
+                if now.causes and frozenset(now.causes) == key:
                     self.tell("exchange", now.causes)
                     now = self.exchanged(now)
                 continue
@@ -351,6 +355,8 @@ class Search:
             if self.problem.late:
                 break
             gram = Gram(self.problem, fit, names, self._fail)
+            if fit is now.fit and len(now.causes) > 1:
+                self._merges[frozenset(now.causes)] = [*gram.merges(now.causes)]
             for name, odds in gram.odds.items():
                 self.odds[name] = max(odds, self.odds.get(name, 0.0))
             self.early, self.view = max(self.early, gram.early()), gram.here
@@ -581,18 +587,16 @@ class Search:
         """The model fitted without one cause; those of its kind are counted again."""
         problem, fit = self.problem, now.fit
         axis = self._spared(fit, name)
-        rest = [n for n in problem.free_of(fit) if n not in now.own(name)]
-        causes = [c for c in now.causes if c != name]
-        if not holds(problem.believed, name):
-            rest, causes = renumbered(rest, name), renumbered(causes, name)
+        rest = problem.free_without(problem.free_of(fit), name)
+        causes = problem.free_without(now.causes, name)
         before = self._rounds.get(frozenset(causes))
         if before is None:
-            return Model(begun(problem, axis, rest, fit), tuple(causes))
+            return Model(begun(problem, axis, rest, fit), causes)
         # It is known: fitted again only as far as it may become likelier than it was.
         less = begun(problem, axis, rest, fit, FEW)
         if less.cost - AHEAD * less.promised < before[0].cost:
             less = maximise(less.problem, less.z, SOME, problem.until, again=True)
-        return Model(min(less, before[0], key=cost_of), tuple(causes))
+        return Model(min(less, before[0], key=cost_of), causes)
 
     def _spared(self, fit: Solution, name: str) -> FrictionAxis:
         """The axis without a cause, the base in its place where that is likelier to begin with."""
@@ -653,6 +657,11 @@ class Search:
         """
         lesser = dict(self._less)
         least = -LEAST - max(map(self._odds, now.causes)) - EQUAL
+        for pair, name, axis, free in self._merges.get(frozenset(now.causes), ()):
+            causes = functools.reduce(self.problem.free_without, reversed(pair), now.causes)
+            other = Model(begun(self.problem, axis, free, now.fit), (*causes, name))
+            if self.over(other, now) > 0.5 * EQUAL:
+                return self.pruned(other)
         for name in sorted(now.worth, key=now.worth.__getitem__)[:EXCHANGED]:
             less = lesser[name]
             for row in self.round(less):

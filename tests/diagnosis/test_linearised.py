@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.candidates import catalogue, effect_class, with_effect
+from dryfric_control.diagnosis.candidates import (
+    catalogue,
+    effect_class,
+    own_names,
+    with_effect,
+)
 from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.problem import Problem
+from dryfric_control.diagnosis.search import Model, Search
 from dryfric_control.estimation.likelihood import Likelihood, prepare
+from dryfric_control.model.effects.columns import difference
 
 DT = 1e-3
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-1.0, 1.0))
@@ -134,3 +141,35 @@ def test_the_strongest_frequency_is_that_of_the_sine(effect, kind, frequency):
     # Half a main lobe, which is one period over the whole length.
     assert found[0] == pytest.approx(frequency, abs=0.5 / np.ptp(along))
     assert lobes > 10.0
+
+
+@pytest.mark.parametrize("slug", ["coulomb_asymmetry", "position_dependence", "warm_up", "drift"])
+def test_a_level_acts_through_the_peak(slug):
+    peaked = AXIS.replace(stribeck=dfc.Stribeck(0.5, 0.3))
+    here = view_of(peaked, driven(peaked))
+    column = next(iter(effect_class(slug).columns(here)))
+    size = [0.01 * here.size / np.ptp(force) for force in column.force]
+    exact = difference(with_effect(peaked, slug, dict(column.values(size))).axis, here)
+    slides = here.direction != 0.0
+    force = sum(c * f for c, f in zip(size, column.force, strict=True))
+    np.testing.assert_allclose(force[slides], exact[slides], atol=1e-3 * np.abs(exact).max())
+
+
+def test_two_causes_give_way_to_one_that_acts_as_both():
+    peak = dfc.Stribeck(0.5, 0.3)
+    record = driven(AXIS.replace(stribeck=peak, effects=(dfc.effects.BiasForce(1.0),)))
+    # A peak of both levels, each raised by as much as the asymmetry of the peak takes away.
+    alike = AXIS.replace(
+        stribeck=peak,
+        effects=(dfc.effects.CoulombAsymmetry(-1.0), dfc.effects.StribeckAsymmetry(0.0625, 0.3)),
+    )
+    problem = Problem(AXIS, (prepare(record),))
+    causes = ("stribeck", "coulomb_asymmetry", "stribeck_asymmetry")
+    fit = problem.fit(alike, [n for one in causes for n in own_names(one)])
+    search = Search(problem)
+    now = search.pruned(Model(fit, causes))
+    assert {*now.causes} == {*causes}
+    search.round(now)
+    found = search.exchanged(now)
+    assert {*found.causes} == {"stribeck", "bias_force"}
+    assert found.fit.values()["bias_force.force"] == pytest.approx(1.0, abs=0.02)

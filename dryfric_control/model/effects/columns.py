@@ -36,6 +36,7 @@ class View(Protocol):
     u: Floats
     direction: Floats  # +1 or -1; 0 at rest
     level: Floats  # Coulomb level [N]
+    lift: Floats  # friction over that level, which a Stribeck peak raises
     drive: Floats  # after its gain and limits [N]
     carried: Floats  # load of the transmission: that less the force effects [N]
     size: float  # typical Coulomb level [N]

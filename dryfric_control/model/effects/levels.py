@@ -63,7 +63,7 @@ class CoulombAsymmetry(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        yield amount("force", -np.abs(view.direction))
+        yield amount("force", -np.abs(view.direction) * view.lift)
 
 
 @register_effect
@@ -116,7 +116,7 @@ class PositionDependence(Effect):
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         # A parabola over position, about the middle of the travel.
-        q, level = view.x - view.middle, -view.direction * view.level
+        q, level = view.x - view.middle, -view.direction * view.level * view.lift
 
         def values(c: Sequence[float]) -> dict[str, float]:
             return {"slope": float(c[0]), "curvature": float(c[1]), "centre": view.middle}
@@ -422,7 +422,7 @@ class WarmUp(Effect):
         # Time constants up to the length of the record; longer ones are a drift.
         for part in (0.05, 0.1, 0.2, 0.4, 0.8):
             fade = np.exp(-view.t / (part * view.duration))
-            force = -view.direction * view.level * fade
+            force = -view.direction * view.level * view.lift * fade
             yield amount("rise", force, time_constant=part * view.duration)
 
 
@@ -461,7 +461,7 @@ class Drift(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        yield amount("rate", -view.direction * view.level * view.t)
+        yield amount("rate", -view.direction * view.level * view.lift * view.t)
 
 
 @register_effect

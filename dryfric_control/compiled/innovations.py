@@ -6,7 +6,8 @@ filter propagates the covariance of (x, v), P = p [1 g; g g^2] + d [0 0; 0 1]: p
 the variance of the position, g the slope of the velocity over it, and d the variance
 of the velocity given the position.  A reading changes p only, so that P stays
 positive.  While a contact sticks, its unstrained position is a third state.  Two masses on
-a spring have four states, with the whole covariance.
+a spring have four states, with the whole covariance.  Where velocities were read, position and
+velocity change places in P while it is corrected.
 
 Noises: a random force N(0, force), held over each sample, and noise N(0, reading)
 of each reading.
@@ -492,6 +493,28 @@ def _swung(by_x, by_v, gives, keeps, dt, inverse, variance, p, g, d, c0, c1, anc
     return m00, m01 / m00, d_new / m00, c0, c1, max(2.0 * c0 - m00 + zz, 0.0)
 
 
+@step.internal
+def _turned(p, g, d):
+    """The same covariance with the states in the other order."""
+    total = d + g * g * p
+    if total <= 0.0:
+        return 0.0, 0.0, p
+    return total, g * p / total, p * d / total
+
+
+@step.internal
+def _velocity(plant, t, m, dx):
+    """Rate of change of what the encoder reads."""
+    on_load = plant.integers[step.STRUCTURE] & step.ON_LOAD != 0
+    x, v = m[step.X], m[step.V] + (m[step.SLIP] if on_load else 0.0)
+    if plant.integers[step.N_READING] > 0:
+        here = step.reading(plant, t, m)
+        m[step.X] = x + dx
+        v *= (step.reading(plant, t, m) - here) / (m[step.X] - x)
+        m[step.X] = x
+    return v
+
+
 @step.internal(forceinline=True)
 def _in_cell(e, step_by, cell, reading):
     """Innovation within increments: for the state, for the likelihood, and the state's share of it.
@@ -555,8 +578,8 @@ def _across(m, on_load, x, v, moved, turned):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def innovations(
-    numbers, integers, size, u, y, good, t0, rested, dt, first, force, reading, cell, span, state,
-    out,
+    numbers, integers, size, u, y, w, good, t0, rested, dt, first, force, reading, cell, span,
+    state, out,
 ):  # fmt: skip
     """Innovations and their variances over a whole record.
 
@@ -567,7 +590,9 @@ def innovations(
     ----------
     numbers, integers, size : arrays and length of memory of the axis
     u, y : ndarray, shape (n,)
-        Input and readings.
+        Input and positions.
+    w : ndarray, shape (n,) or (0,)
+        The readings if they are velocities, of which the positions are the integral.
     good : ndarray of bool, shape (n,)
         Readings that may be used.
     t0, rested, dt : float
@@ -577,9 +602,9 @@ def innovations(
     force : float
         Variance of the random force, held over a sample [N^2].
     reading : float
-        Variance of a reading [m^2].
+        Variance of a reading [m^2, or m^2/s^2].
     cell : float
-        Increment of the readings [m], 0 for none.
+        Increment of the readings [m, or m/s], 0 for none.
     span : float
         Travel of the record [m], the scale of difference steps in position.
     state : ndarray, shape (6, n)
@@ -590,7 +615,8 @@ def innovations(
         Receives innovations and their variances; variance 0 where there is none.
     """
     n, place = y.shape[0], np.nan
-    alike = max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
+    scale = FIRST * dt if w.shape[0] > 0 else 1.0
+    alike = scale * max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
     if integers[step.STRUCTURE] & step.PLAY and abs(y[min(FIRST, n - 1)] - y[0]) <= alike:
         across = 2.0 * numbers[step.HALF_GAP] + alike
         stop = 0
@@ -600,22 +626,22 @@ def innovations(
         least = np.inf
         for one in _PLACES:
             _innovations(
-                numbers, integers, size, u, y, good, t0, rested, dt, first, force, reading, cell,
+                numbers, integers, size, u, y, w, good, t0, rested, dt, first, force, reading, cell,
                 span, state, out, stop, one,
             )  # fmt: skip
             here = cost_of(out, good, FIRST + 1, stop)
             if here < least:
                 least, place = here, one
     _innovations(
-        numbers, integers, size, u, y, good, t0, rested, dt, first, force, reading, cell, span,
+        numbers, integers, size, u, y, w, good, t0, rested, dt, first, force, reading, cell, span,
         state, out, n, place,
     )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _innovations(
-    numbers, integers, size, u, y, good, t0, rested, dt, first, force, reading, cell, span, state,
-    out, n, place,
+    numbers, integers, size, u, y, w, good, t0, rested, dt, first, force, reading, cell, span,
+    state, out, n, place,
 ):  # fmt: skip
     """`innovations` of the first n samples from a place in the play, -1 to 1; nan: unknown."""
     plant = step.point(numbers, integers)
@@ -636,18 +662,22 @@ def _innovations(
     deviation = math.sqrt(force)
     dx = 1e-6 * span
     fall = -math.expm1(-numbers[step.STICK_RATE] * dt)
-    farthest = _FASTER * cell
+    # Of velocities, positions that are the same: what errors of the first would make them.
+    fast = w.shape[0] > 0
+    at, scale = (1, FIRST * dt) if fast else (0, 1.0)
+    spot = scale * scale * reading
+    farthest = _FASTER * scale * cell
     for k in range(1, y.shape[0]):
         farthest = max(farthest, abs(y[k] - y[k - 1]))
     farthest *= _FASTER
     begin = min(FIRST, n - 1)
     v0 = (y[begin] - y[0]) / (begin * dt)
-    still, alike = 0, max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
+    still, alike = 0, scale * max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
     _begin(plant, m, t0, dt, rested, u[0], y, v0, place, alike)
     two = spring or (play and not on_load)
     inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
-    p, g = reading, 0.0
-    d = 0.1 * v0 * v0 + 4.0 * reading / (begin * dt) ** 2 + force * (dt * inverse) ** 2
+    p, g = spot, 0.0
+    d = 0.1 * v0 * v0 + 4.0 * spot / (begin * dt) ** 2 + force * (dt * inverse) ** 2
     level, gives = step.base_level(plant, y[0], 1.0), _gives(plant, y[0], alike)
     n_states = 5 if contact else 4
     cov, work = np.zeros((n_states, n_states)), np.zeros((n_states, n_states))
@@ -673,6 +703,7 @@ def _innovations(
         x, v, mode = memory[step.X], memory[step.V], int(memory[step.MODE])
         if on_load:
             v += memory[step.SLIP]
+        before = v
         # Motor and load that touch across a play are one mass.
         two = play and not on_load and not _touching(plant, m)
         inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
@@ -696,11 +727,11 @@ def _innovations(
             step.sample(plant, t, dt, u[k - 1], end, m, events, counted)
             memory[step.X], memory[step.V] = x, 0.0
             memory[step.MODE], memory[step.REST] = 0.0, rest
-            p += _CREEP * reading
+            p += _CREEP * spot
         elif near:
             p, g, d, over, pulled, pull = _predict_near(
                 plant, m, events, counted, points, t, dt, u[k - 1], end, x, v, mode, p, g, d,
-                deviation, fall, reading, plain, over, pulled, pull,
+                deviation, fall, spot, plain, over, pulled, pull,
             )  # fmt: skip
         elif spring:
             stops = contact and not sliding and not strained
@@ -712,7 +743,7 @@ def _innovations(
             # A load at rest stays where it is, whatever the readings of its motor.
             pinned = memory[step.MODE] == 0.0 and not contact
             two_masses.predict(slides if moves else rests, cov, force, pinned, work)
-            p = cov[0, 0] = cov[0, 0] + 1e-6 * reading
+            p = cov[0, 0] = cov[0, 0] + 1e-6 * spot
         else:
             by_x, by_v, gives_way = _predict(
                 plant, m, events, counted, t, dt, u[k - 1], end, x, v, mode, two, at_once, first, dx
@@ -736,7 +767,7 @@ def _innovations(
                     by_x, by_v, gives_way, keeps, dt, inverse, variance, p, g, d, c0, c1, anchor
                 )
             else:
-                creep = _CREEP * reading if not sliding and not contact else 0.0
+                creep = _CREEP * spot if not sliding and not contact else 0.0
                 p, g, d = _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d)
             if not sliding and abs(g) < _NOTHING and d < _NOTHING:
                 g, d = 0.0, 0.0
@@ -745,14 +776,20 @@ def _innovations(
         v_free = v
         out[0, k], out[1, k] = 0.0, 0.0
         if good[k]:
-            if abs(y[k] - y[still]) > alike:
+            if (scale * abs(w[k]) if fast else abs(y[k] - y[still])) > alike:
                 if kept:
                     # The axis has broken away, at an unknown velocity.
                     kept, g, d = False, 0.0, (alike / dt) ** 2
                 still = k
-            e = y[k] - step.reading(plant, t + dt, m)
+            if fast:
+                e = w[k] - _velocity(plant, t + dt, m, dx)
+                by = w[k] - e - before
+                p, g, d = (cov[1, 1], g, d) if spring else _turned(p, g, d)
+                c0, c1 = c1, c0
+            else:
+                e, by = y[k] - step.reading(plant, t + dt, m), v * dt
             s = p + reading
-            e, outside, counts = _in_cell(e, v * dt, cell, reading)
+            e, outside, counts = _in_cell(e, by, cell, reading)
             out[0, k], out[1, k] = outside, reading + counts * p
             ratio = e * e / s
             noise = reading
@@ -767,49 +804,59 @@ def _innovations(
                 # every reading until it moves.
                 row, noise, kept = 0, 0.0, True
                 v, p, g = 0.0, reading, 0.0
-                d = reading / ((k - still) * dt) ** 2
+                if fast:
+                    e = 0.0
+                else:
+                    d = reading / ((k - still) * dt) ** 2
                 memory[step.MODE], memory[step.REST] = 0.0, (k - still) * dt
             elif row == _IN_A_ROW and structure != 0:
                 # The inner states were wrong: set them from the readings.
-                row, noise, strained = 0, 0.0, False
+                row, noise, strained = 0, reading if fast else 0.0, False
                 off = _settle(plant, t + dt, dt, m, end, y, k, alike)
                 x = memory[step.X] + y[k] - step.reading(plant, t + dt, m)
                 v, e = memory[step.V], 0.0
-                p, g, d = reading, 0.0, off * off
+                p, g, d = (off * off, 0.0, spot) if fast else (spot, 0.0, off * off)
                 memory[step.MODE] = 0.0
                 if v == 0.0:
                     memory[step.REST] = _stayed(y, k, gives) * dt
-                two_masses.joined(cov, p, d, strain, 1.0)
+                two_masses.joined(cov, spot, off * off, strain, 1.0)
             elif row == _IN_A_ROW:
                 # The axis has moved differently: follow the readings.
                 row = 0
-                p, g = e * e, 1.0 / (_IN_A_ROW * dt)
-                d = p * g * g
+                p, g = e * e, 0.0 if fast else 1.0 / (_IN_A_ROW * dt)
+                d = d if fast else p * g * g
             elif ratio > DOUBTED:
                 noise = reading * ratio / DOUBTED
             if spring:
                 # A reading of the motor tells of the load, too.
                 part = e / (p + noise)
-                memory[step.OFFSET] += (cov[2, 0] - cov[0, 0]) * part
-                memory[step.SLIP] += (cov[3, 0] - cov[1, 0]) * part
+                memory[step.OFFSET] += (cov[2, at] - cov[0, at]) * part
+                memory[step.SLIP] += (cov[3, at] - cov[1, at]) * part
                 if strained and memory[step.MODE] == 0.0:
-                    memory[step.DEFLECTION] += (cov[2, 0] - cov[4, 0]) * part
+                    memory[step.DEFLECTION] += (cov[2, at] - cov[4, at]) * part
                 g = cov[1, 0] / p
-                two_masses.correct(cov, p + noise)
+                if fast:
+                    two_masses.correct(cov, 1, p + noise, work)
+                else:
+                    two_masses.correct(cov, 0, p + noise, work)
             gain, to_anchor = p / (p + noise), 0.0
             if strained and not spring:
                 to_anchor = counts * c0 / (p + noise)
                 anchor = max(anchor - to_anchor * c0, 0.0)
                 c0, c1 = c0 - gain * c0, c1 - gain * g * c0
-            state[4, k], state[5, k] = gain, gain * g
+            by_x, by_v = (gain * g, gain) if fast else (gain, gain * g)
+            state[4, k], state[5, k] = by_x, by_v
             p = gain * noise
-            x += gain * e
-            v += gain * g * e
+            if fast:
+                p, g, d = _turned(p, g, d)
+                c0, c1 = c1, c0
+            x += by_x * e
+            v += by_v * e
             if play and not _touching(plant, m):
-                x, v = _across(m, on_load, x, v, gain * e, gain * g * e)
+                x, v = _across(m, on_load, x, v, by_x * e, by_v * e)
             memory[step.X], memory[step.V] = x, v
             if contact and not spring and memory[step.MODE] == 0.0:
-                z = memory[step.DEFLECTION] + gain * e - to_anchor * outside
+                z = memory[step.DEFLECTION] + by_x * e - to_anchor * outside
                 if bristles:
                     # They hold no more, and would let go of it only along a way.
                     s = math.copysign(1.0, z)

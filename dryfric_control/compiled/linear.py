@@ -25,6 +25,7 @@ class Recursion(NamedTuple):
     f11: float  # change of the velocity over the velocity
     b0: float  # change of the position over the force [m/N]
     b1: float  # change of the velocity over the force [m/(N s)]
+    rate: float = 0.0  # 1/sampling time if velocities were read, 0 if positions [1/s]
 
 
 @njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
@@ -33,6 +34,7 @@ def respond(force, reading, r, out):
     n, c = out.shape
     forced, read = force.shape[0] == n, reading.shape[0] == n
     x, v = np.zeros(c), np.zeros(c)
+    fast = r.rate > 0.0
     out[0] = 0.0
     for k in range(1, n):
         s = r.slide[k]
@@ -43,9 +45,9 @@ def respond(force, reading, r, out):
             if forced:
                 here += c0 * force[k - 1, j]
                 there += c1 * force[k - 1, j]
-            e = -here
+            e = -there if fast else -here
             if read:
-                e -= reading[k, j]
+                e -= (reading[k, j] - reading[k - 1, j]) * r.rate if fast else reading[k, j]
             out[k, j] = e
             x[j] = here + g1 * e
             v[j] = there + g2 * e
@@ -60,8 +62,13 @@ def adjoint(weights, r):
     for k in range(n - 1, 0, -1):
         s = r.slide[k]
         e = weights[k] + r.k1[k] * px + r.k2[k] * pv
-        px -= e
-        reading[k] = -e
+        if r.rate > 0.0:
+            pv -= e
+            reading[k] -= e * r.rate
+            reading[k - 1] += e * r.rate
+        else:
+            px -= e
+            reading[k] = -e
         force[k - 1] = s * (r.b0 * px + r.b1 * pv)
         pv = s * (r.f01 * px + r.f11 * pv)
     return force, reading

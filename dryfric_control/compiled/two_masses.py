@@ -84,11 +84,13 @@ def stopped(cov, unknown):
 
 
 @step.internal
-def correct(cov, variance):
-    """Covariance of two masses after a reading of the motor, in place; `variance`: expected."""
-    for i in range(cov.shape[0] - 1, -1, -1):
-        for j in range(i, -1, -1):
-            cov[i, j] -= cov[i, 0] * cov[j, 0] / variance
+def correct(cov, at, variance, work):
+    """Covariance of two masses after a reading of a state, in place; `variance`: expected."""
+    for i in range(cov.shape[0]):
+        work[0, i] = cov[i, at]
+    for i in range(cov.shape[0]):
+        for j in range(i + 1):
+            cov[i, j] -= work[0, i] * work[0, j] / variance
             cov[j, i] = cov[i, j]
 
 

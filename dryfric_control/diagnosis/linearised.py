@@ -59,7 +59,7 @@ class Linearised:
             n, dt, one = len(run.record), run.record.dt, likelihood.axis_at(z, i)
             self.slices.append(slice(at, at + n))
             at += n
-            self.recursions.append(recursion(one, dt, states))
+            self.recursions.append(recursion(one, dt, states, run.w.size > 0))
         out = np.concatenate(self.point.out, axis=1)
         states = np.concatenate(self.point.states, axis=1)
         active = np.concatenate([run.active for run in likelihood.runs])

@@ -38,6 +38,7 @@ from dryfric_control.model.effects.effect import Inner
 from dryfric_control.model.effects.naming import named
 from dryfric_control.records.motion import rest_times
 from dryfric_control.records.record import Record
+from dryfric_control.records.record_checks import estimated_quantum, spread_of
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -87,16 +88,17 @@ _LATE = ("delay", "lag")
 _RIGID = Inner()
 
 
-def recursion(axis: FrictionAxis, dt: float, states: FloatArray) -> Recursion:
-    """Linear recursion of the filter's errors, from its states over a record."""
+def recursion(axis: FrictionAxis, dt: float, states: FloatArray, fast: bool) -> Recursion:
+    """Linear recursion of the filter's errors, from its states; `fast`: by read velocities."""
     moving = (states[2] != 0.0).astype(float)
     moving[1:] = np.maximum(moving[1:], moving[:-1])
     loss = -axis.viscous / axis.mass * dt
     f11 = math.exp(loss)
     f01 = dt * math.expm1(loss) / loss if abs(loss) > 1e-6 else dt
     return Recursion(
-        moving, states[4], states[5], f01, f11, 0.5 * dt * dt / axis.mass, dt / axis.mass
-    )
+        moving, states[4], states[5], f01, f11, 0.5 * dt * dt / axis.mass, dt / axis.mass,
+        1.0 / dt if fast else 0.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +107,10 @@ class Run:
 
     record: Record
     u: FloatArray  # its input; zeros for a model without drive
+    w: FloatArray  # velocities, if these were read and the positions are their integral
+    cell: float  # increment of the readings
+    span: float  # their range, and the standard deviation of their noise
+    noise: float
     good: BoolArray  # readings that may be used
     active: BoolArray  # samples whose innovations are used
     edges: NDArray[np.int64]  # blocks over which scores are summed
@@ -126,14 +132,21 @@ def prepare(
     n = len(record)
     size = max(1, round(block / record.dt))
     edges = np.append(np.arange(0, max(n - size // 2, 1), size), n).astype(np.int64)
-    floor = (record.quantum or 0.0) ** 2 / 12.0 * NORMAL
-    floor = max(floor, (1e-9 * record.range) ** 2)
+    w, cell, span, noise = record.x[:0], record.quantum or 0.0, record.range, record.noise
+    if record.integrated:
+        w = record.channels["v"]
+        cell, span = estimated_quantum(w) or 0.0, float(np.ptp(w))
+        noise = spread_of(w, cell)
+    floor = max(cell**2 / 12.0 * NORMAL, (1e-9 * span) ** 2)
     scales = typical([record])
     moving = mass * scales.length / scales.time**2
     drive = max(float(np.sqrt(np.mean(record.u**2))), moving) or 1.0
     active = np.ones(n, bool) if active is None else active
     rest = rest_times(record)
-    return Run(record, record.u, record.good, active, edges, rest, ((0, n),), floor, drive)
+    return Run(
+        record, record.u, w, cell, span, noise, record.good, active, edges, rest, ((0, n),), floor,
+        drive,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +270,7 @@ class Likelihood:
             a, b = n + 2 * i, n + 2 * i + 1
             self.low[a], self.high[a] = (2.0 * math.log(f * run.drive) for f in _FORCE)
             self.low[b] = math.log(run.floor)
-            self.high[b] = 2.0 * math.log(max(run.record.range, 1e-12))
+            self.high[b] = 2.0 * math.log(max(run.span, 1e-12))
 
     def on(self, runs: Sequence[Run]) -> Likelihood:
         """The same problem on other samples of the same records."""
@@ -279,7 +292,7 @@ class Likelihood:
         for run in self.runs:
             z += [
                 2.0 * math.log(force * run.drive),
-                math.log(max(run.floor, (run.record.noise) ** 2)),
+                math.log(max(run.floor, run.noise**2)),
             ]
         if noises is not None:
             z[len(self.names) :] = noises
@@ -330,9 +343,9 @@ class Likelihood:
             here = slice(start, end)
             mine, states = np.zeros((2, end - start)), np.zeros((6, end - start))
             hybrid.innovations(
-                numbers, arrays.integers, arrays.memory, u[here], record.x[here],
+                numbers, arrays.integers, arrays.memory, u[here], record.x[here], run.w[here],
                 run.good[here], float(record.t[start]), float(run.rest[start]), record.dt,
-                self.first, force, reading, record.quantum or 0.0, record.range, states, mine,
+                self.first, force, reading, run.cell, record.range, states, mine,
             )  # fmt: skip
             if end - start == len(record):
                 return mine, states
@@ -517,7 +530,7 @@ class Likelihood:
             before = point.rates.setdefault(i, rate(axis))
         force = np.where(direction != 0, axis.mass * (rate(there) - before), 0.0)[:, None]
         out = np.zeros((direction.size, 1))
-        respond(force, force[:0], recursion(axis, run.record.dt, states), out)
+        respond(force, force[:0], recursion(axis, run.record.dt, states, run.w.size > 0), out)
         seen = point.out[i][1] > 0.0
         slope[0, seen] = np.clip(out[seen, 0] / np.sqrt(point.out[i][1, seen]), -1.0, 1.0)
         slope[0] /= moved[j] - z[j]

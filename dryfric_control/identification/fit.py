@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -71,9 +70,6 @@ _SHOWN_BY = {
 WINDOW = 0.25
 # Their number in a record without a drive, and their least number of samples.
 _UNDRIVEN, _SHORTEST = 8, 8
-# Force of a velocity's noise that may act from sample to sample, over the Coulomb level, and part
-# of it from which it counts; median of the size of a normal variable; fewest samples left.
-_DISTURBS, _SHOWS, _MEDIAN, _FEWEST = 0.1, 0.3, 0.6745, 500
 # Part of the encoder quantum below which an error is none.
 _NOTHING = 1e-2
 
@@ -124,7 +120,10 @@ class Fit(Saved, Result):
         "Standard deviation in each record of a force that changes from sample to sample in "
         "addition to the model, 0 where it moves nothing that the readings show."
     )
-    reading_noise: tuple[float, ...] = stated("Standard deviation of the readings of each record.")
+    reading_noise: tuple[float, ...] = stated(
+        "Standard deviation of the readings of each record, in units of a velocity where one was "
+        "read in place of a position."
+    )
     training: tuple[Replay, ...] = stated(
         "Windowed free runs over each record of the fit, from the smoothed state at the start of "
         "each window."
@@ -214,7 +213,8 @@ class Fit(Saved, Result):
         for run, pushed, noise in zip(self.training, *noises, strict=True):
             yield from run._shown()
             random = f"{pushed:.3g} {force} RMS" if pushed else "none"
-            yield f"noise of the readings: {length_text(noise, length)} RMS; random force: {random}"
+            unit = f"{length}/s" if run.windows.record.integrated else length
+            yield f"noise of the readings: {length_text(noise, unit)} RMS; random force: {random}"
         yield from (f"warning: {message}" for message in self.messages)
 
     def to_dict(self) -> dict[str, Any]:
@@ -312,9 +312,9 @@ def fit(
     -----
     FitWarning
         When the record does not determine a parameter or does not separate two, one ends at a
-        bound, or of the base more than a factor of two from its start value; when the model does
+        bound, or of the base more than a factor of two from its start value; or when the model does
         not fit (the random force left is correlated in time: parameters absorb part of what the
-        axis lacks); or when the integral of a noisy velocity is fitted at every few samples.
+        axis lacks).
     RecordWarning
         When a unit or a sign seems wrong, see `warn_if_implausible`.
 
@@ -359,7 +359,7 @@ def fit(
         free = [name for name in free if SPELLINGS.get(name, name) not in known]
         if not free:
             raise ValueError(f"known: {', '.join(known)} leave nothing free")
-    records = tuple(_coarser(axis, r) for r in checked_records(record))
+    records = checked_records(record)
     window = _window(records) if window is None else window
     for r in records:
         cut(r, window, hold)
@@ -422,31 +422,6 @@ def likeliest(
         clear = last.problem.on(list(map(away_from_rest, last.problem.runs, last.point.states)))
         last = maximise(clear, last.z, SOME, again=True)
     return _result(last, points[0], window, acting)
-
-
-def _coarser(axis: FrictionAxis, record: Record) -> Record:
-    """The record so slow that noise of an integrated velocity is a force below friction."""
-    if not record.integrated:
-        return record
-    # The noise s of a velocity is an acceleration of sqrt(2) s/dt from sample to sample, in a
-    # position that is its integral.
-    differences = np.abs(np.diff(record.channels["v"], 3))
-    noise = float(np.median(differences)) / (_MEDIAN * math.sqrt(20.0))
-    level = axis.coulomb.mean or float(np.std(record.u))
-    force = axis.mass * math.sqrt(2.0) * noise / record.dt
-    # Over k samples it averages out as k^1.5.  It alternates, which a random force does not: taken
-    # sample by sample, even a small one is fitted by a wrong mass and a large random force.
-    share = force / max(_DISTURBS * level, 1e-300)
-    needed = max(share ** (2.0 / 3.0), 2.0) if share > _SHOWS else 1.0
-    factor = math.ceil(min(needed, len(record) // _FEWEST))
-    if factor < 2:
-        return record
-    warn(
-        f"the velocity has noise of {noise:.3g} {axis.units[0]}/s: its integral is fitted at every "
-        f"{factor}. sample, as record.decimated({factor}) does",
-        FitWarning,
-    )
-    return record.decimated(factor)
 
 
 def _window(records: Sequence[Record]) -> float:

@@ -36,10 +36,16 @@ def transition(numbers, integers, h, mode):
 
 
 @njit(error_model="numpy")
-def read(cov, variance):
-    """Covariance of two masses after a reading of the motor."""
-    two_masses.correct(cov, variance)
+def read(cov, at, variance):
+    """Covariance of two masses after a reading of a state."""
+    two_masses.correct(cov, at, variance, np.empty((4, 4)))
     return cov
+
+
+@njit(error_model="numpy")
+def turned(p, g, d):
+    """A covariance with its states in the other order."""
+    return innovations._turned(p, g, d)
 
 
 @pytest.mark.parametrize("h", (1e-4, 1e-3, 4e-3))
@@ -63,12 +69,21 @@ def test_two_masses_move_as_the_simulated_ones(h):
     assert np.array_equal(rests[2:4], np.eye(6)[2:4])
 
 
-def test_a_reading_of_the_motor_tells_of_both_masses():
+@pytest.mark.parametrize("at", (0, 1))
+def test_a_reading_of_the_motor_tells_of_both_masses(at):
     root = np.random.default_rng(3).standard_normal((4, 4))
-    cov, seen = root @ root.T, np.array([1.0, 0.0, 0.0, 0.0])
-    variance = cov[0, 0] + 0.5
+    cov, seen = root @ root.T, np.eye(4)[at]
+    variance = cov[at, at] + 0.5
     expected = cov - np.outer(cov @ seen, seen @ cov) / variance
-    assert read(cov.copy(), variance) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+    assert read(cov.copy(), at, variance) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+def test_states_of_a_covariance_change_places():
+    p, g, d = 0.3, -2.0, 0.7
+    q, h, e = turned(p, g, d)
+    assert (q, h * q, e + h * h * q) == pytest.approx((d + g * g * p, g * p, p), rel=1e-12)
+    assert turned(q, h, e) == pytest.approx((p, g, d), rel=1e-12)
+    assert turned(0.3, 0.0, 0.0) == (0.0, 0.0, 0.3)  # a velocity that is known
 
 
 @pytest.mark.parametrize("way", (1, -1))

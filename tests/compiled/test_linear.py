@@ -8,13 +8,15 @@ from dryfric_control.compiled.linear import Recursion, adjoint, play, respond
 N = 400
 
 
-@pytest.fixture
-def recursion():
+@pytest.fixture(params=[0.0, 1e3])
+def recursion(request):
     """An axis that slides, sticks now and then, and is corrected by uneven gains."""
     rng = np.random.default_rng(0)
     slide = (rng.uniform(size=N) < 0.8).astype(float)
     gains = rng.uniform(0.0, 1.0, N), rng.uniform(0.0, 30.0, N)
-    return Recursion(slide, *gains, 9.7e-4, 0.94, 2.4e-7, 4.8e-4)
+    if request.param:  # those of read velocities
+        gains = 1e-3 * gains[0], gains[1] / 30.0
+    return Recursion(slide, *gains, 9.7e-4, 0.94, 2.4e-7, 4.8e-4, request.param)
 
 
 def response(recursion, force, reading):
@@ -43,6 +45,16 @@ def test_without_corrections_a_force_moves_the_axis_as_newton_says():
     change = response(free, np.full((N, 1), c), np.zeros((0, 1)))[:, 0]
     t = dt * np.arange(N)
     np.testing.assert_allclose(change, -0.5 * c / mass * t * t, rtol=1e-9, atol=1e-15)
+
+
+def test_a_velocity_is_read_as_the_change_of_a_position():
+    """Where no correction follows: the reading runs behind by c t/m, and shows rates of errors."""
+    dt, c = 1e-3, 3.0
+    free = Recursion(np.ones(N), *np.zeros((2, N)), dt, 1.0, 0.25 * dt * dt, 0.5 * dt, 1.0 / dt)
+    t, none = dt * np.arange(N)[:, None], np.zeros((0, 1))
+    change = response(free, np.full((N, 1), c), none)
+    np.testing.assert_allclose(change, -0.5 * c * t, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(response(free, none, 4.0 * t)[1:], -4.0, rtol=1e-9)
 
 
 def test_a_load_follows_within_its_play():

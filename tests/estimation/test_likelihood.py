@@ -25,20 +25,20 @@ DT = 1e-3
 LINEAR = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=1.0, stick_speed=1e-6)
 
 
-def innovations(axis, u, y, force, reading, good=None, cell=0.0, rested=0.0):
+def innovations(axis, u, y, force, reading, good=None, cell=0.0, rested=0.0, w=()):
     """Innovations and variances of a record, shape (2, n)."""
     arrays = axis.arrays(DT)
     out, state = np.zeros((2, y.size)), np.zeros((6, y.size))
     good = np.ones(y.size, bool) if good is None else good
     hybrid.innovations(
-        arrays.numbers, arrays.integers, arrays.memory, u, y, good, 0.0, rested, DT, False, force,
-        reading, cell, max(float(np.ptp(y)), 1e-6), state, out,
+        arrays.numbers, arrays.integers, arrays.memory, u, y, np.array(w), good, 0.0, rested, DT, False,
+        force, reading, cell, max(float(np.ptp(y)), 1e-6), state, out,
     )  # fmt: skip
     return out, state
 
 
-def slow_filter(axis, u, y, force, reading):
-    """The same for a linear axis, as a textbook writes a Kalman filter."""
+def slow_filter(axis, u, y, force, reading, w=None):
+    """The same for a linear axis, as a textbook writes a Kalman filter; w: velocities are read."""
     lam = axis.viscous / axis.mass
     fall = math.exp(-lam * DT)
     a = np.array([[1.0, (1.0 - fall) / lam], [0.0, fall]])
@@ -47,18 +47,19 @@ def slow_filter(axis, u, y, force, reading):
     m = compiled.FIRST
     v0 = (y[m] - y[0]) / (m * DT)
     state = np.array([y[0], v0])
-    d = 0.1 * v0 * v0 + 4.0 * reading / (m * DT) ** 2 + force * (DT / axis.mass) ** 2
-    cov = np.diag([reading, d])
+    spot, at = (reading, 0) if w is None else (reading * (m * DT) ** 2, 1)
+    d = 0.1 * v0 * v0 + 4.0 * spot / (m * DT) ** 2 + force * (DT / axis.mass) ** 2
+    cov = np.diag([spot, d])
     rows = [(0.0, 0.0)]
     for k in range(1, y.size):
         state = a @ state + by_force * (u[k - 1] - axis.coulomb.plus[0])
         cov = a @ cov @ a.T + force * np.outer(noise, noise)
-        e, s = y[k] - state[0], cov[0, 0] + reading
+        e, s = (y if w is None else w)[k] - state[at], cov[at, at] + reading
         rows.append((e, s))
         doubt = max(e * e / s / hybrid.DOUBTED, 1.0)
-        gain = cov[:, 0] / (cov[0, 0] + reading * doubt)
+        gain = cov[:, at] / (cov[at, at] + reading * doubt)
         state = state + gain * e
-        cov = cov - np.outer(gain, cov[0])
+        cov = cov - np.outer(gain, cov[at])
     return np.array(rows).T
 
 
@@ -80,6 +81,19 @@ def test_agrees_with_a_textbook_filter(sliding):
     # The covariance's transition is exact but for the slope's own difference quotient.
     np.testing.assert_allclose(fast[1, 1:], slow[1, 1:], rtol=1e-6)
     np.testing.assert_allclose(fast[0, 1:], slow[0, 1:], atol=1e-5 * math.sqrt(slow[1, -1]))
+
+
+def test_agrees_with_a_textbook_filter_of_velocities():
+    rng = np.random.default_rng(6)
+    u = 20.0 + 5.0 * np.sin(7.0 * DT * np.arange(3000)) + 0.5 * rng.standard_normal(3000)
+    w = LINEAR.simulate(u, dt=DT, v0=1.0).y[1] + 2e-3 * rng.standard_normal(3000)
+    y = dfc.Record(DT * np.arange(3000), u, None, channels={"v": w}).x
+    fast, _ = innovations(LINEAR, u, y, 0.25, 4e-6, w=w)
+    slow = slow_filter(LINEAR, u, y, 0.25, 4e-6, w)
+    np.testing.assert_allclose(fast[1, 1:], slow[1, 1:], rtol=1e-6)
+    np.testing.assert_allclose(fast[0, 1:], slow[0, 1:], atol=1e-5 * math.sqrt(slow[1, -1]))
+    # Twice the readings' noise would show in their scatter.
+    assert np.mean(fast[0, 100:] ** 2 / fast[1, 100:]) == pytest.approx(1.0, abs=0.1)
 
 
 def moved_axis(rng, noise, reading, seconds=6.0):

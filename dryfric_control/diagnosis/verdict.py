@@ -107,11 +107,13 @@ def noise_floor(
     active: Bools,
     seed: int = 0,
     force: float = 0.0,
+    velocity: float = 0.0,
 ) -> Floor:
     """Replay axes through the record's own encoder and score the model on the replays.
 
     `truths`: the model within the uncertainty of its parameters; `at`: its start states on the
-    record; `force`: random force that acts in the replays.  Those that diverge are left out.
+    record; `force`: random force that acts in the replays; `velocity`: noise of the velocities of
+    which the positions are the integral.  Those that diverge are left out.
     """
     rng = np.random.default_rng(seed)
     record, thorough = w.record, force == 0.0
@@ -131,10 +133,16 @@ def noise_floor(
             u = next(acted) + force * rng.standard_normal(len(record))
             driven = Record(record.t, u, record.x, quantum=record.quantum, units=record.units)
             pushed = replace(w, record=driven)
-        x = pushed.run(truth, dx=begun[0], dv=begun[1])
+        drift = np.zeros(len(record))
+        if velocity > 0.0:
+            # Their integral departs from the places where forces act.
+            noise = velocity * record.dt * rng.standard_normal(len(record))
+            drift = np.cumsum(noise) - 0.5 * noise
+            drift -= drift.mean()
+        x = pushed.run(truth, dx=begun[0] - drift[w.edges[:-1]], dv=begun[1])
         if not np.all(np.isfinite(x)):
             continue
-        readings = record.read(x, rng)
+        readings = record.read(x + drift, rng)
         errors = rng.standard_normal((2, len(w)))
         x0, v0 = w.x0 + begun[0] + errors[0] * w.x0_error, w.v0 + begun[1] + errors[1] * w.v0_error
         made = replace(w, record=readings, x0=x0, v0=v0)
@@ -199,7 +207,10 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
         at = w.evaluate(axis, active)
         for row, one in zip(squares, (before, unseen, at), strict=True):
             row.append(w.mean_squares(one.errors)[active])
-        floor = noise_floor(w, axis, drawn[i], at, active, force=final.random_force(i))
+        velocity = final.reading_noise(i) if w.record.integrated else 0.0
+        floor = noise_floor(
+            w, axis, drawn[i], at, active, force=final.random_force(i), velocity=velocity
+        )
         replays.append(floor.squares[:, active])
         scores = w.scores(at.costs)
         if not floor.reached(scores, active):

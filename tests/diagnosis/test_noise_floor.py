@@ -29,6 +29,23 @@ def floor_of(record, model=AXIS, active=None, truths=4, seed=0):
     return noise_floor(bench, model, [AXIS] * truths, at, active, seed), bench
 
 
+def test_the_integral_of_a_velocity_drifts_in_replays_too():
+    run, t = AXIS.simulate(made().u, dt=DT), DT * np.arange(6000)
+    v = run.y[1] + 5e-3 * np.random.default_rng(4).standard_normal(t.size)
+    bench = cut(dfc.Record(t, made().u, None, channels={"v": v}))
+    active = np.ones(len(bench), bool)
+    at = bench.evaluate(AXIS, active)
+    still, drifting, more = (
+        noise_floor(bench, AXIS, [AXIS] * 8, at, active, velocity=s) for s in (0.0, 5e-3, 1e-2)
+    )
+    errors = bench.mean_squares(at.errors).mean()
+    assert usual_rms([still.squares]) ** 2 < 0.2 * errors
+    assert usual_rms([drifting.squares]) ** 2 == pytest.approx(errors, rel=0.4)
+    assert usual_rms([more.squares]) ** 2 == pytest.approx(4.0 * errors, rel=0.4)
+    scores = bench.scores(at.costs)
+    assert drifting.reached(scores, active) and not still.reached(scores, active)
+
+
 def of_scores(*replays):
     scores = np.array(replays, dtype=float)
     return Floor(scores, scores)

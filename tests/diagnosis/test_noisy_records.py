@@ -51,6 +51,29 @@ def test_names_a_bias_in_noise(biased):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.002, 0.02])
+def test_names_causes_in_a_velocity(noise):
+    """Read by an eccentric encoder; the pitch of the cogging is not its period."""
+    t, rng = 5e-3 * np.arange(2000), np.random.default_rng(3)
+    u = np.array([14.0, 8.0, 5.0]) @ np.sin(np.array([1.3, 3.7, 9.1])[:, None] * t)
+    machine = AXIS.replace(effects=(dfc.effects.Cogging(2.0, 0.05),))
+    x, v = machine.simulate(u, dt=5e-3).y[:2]
+    v = v * (1.0 + 2e-4 * 2.0 * np.pi / 0.03 * np.cos(2.0 * np.pi * x / 0.03))
+    seen = v + noise * v.std() * rng.standard_normal(t.size)
+    with among("cogging", "eccentric_encoder", "compliance", "load_encoder_backlash", "stribeck"):
+        d = dfc.diagnose(
+            AXIS.replace(mass=2.2, coulomb=7.0), dfc.Record(t, u, None, channels={"v": seen}),
+            jobs=1,
+        )  # fmt: skip
+    causes = {cause.effect: cause.parameters for cause in d.causes}
+    assert causes.keys() == {"cogging", "eccentric_encoder", "inertia", "coulomb"}
+    assert d.verdict == "explained"
+    assert causes["cogging"]["amplitude"] == pytest.approx(2.0, rel=0.01)
+    assert causes["eccentric_encoder"]["amplitude"] == pytest.approx(2e-4, rel=0.1)
+    assert d.extended.mass == pytest.approx(2.0, rel=0.003)
+
+
+@pytest.mark.slow
 def test_reads_back_as_it_was(biased, tmp_path):
     biased.save(tmp_path / "d.json")
     again = dfc.Diagnosis.load(tmp_path / "d.json")

@@ -1112,10 +1112,9 @@ def mode_rate(numbers, integers, t, x, v, u, mode):
 
 
 @njit(cache=True, error_model="numpy")
-def with_room(events, count, room):
-    """The list of switches, twice as long where a sample may need more `room`."""
-    if 3 * count[LISTED] + room <= events.shape[0]:
-        return events
+def longer_list(events, count):
+    """The list of switches in an array twice as long."""
+    # Not called for every sample: to hand an array on counts its references.
     longer = np.empty(2 * events.shape[0])
     for i in range(events.shape[0]):
         longer[i] = events[i]
@@ -1147,7 +1146,8 @@ def run(numbers, integers, memory, u, dt, first, room, out):
     events = np.empty(64 * room)
     count = tally(events)
     for k in range(n - 1):
-        events = with_room(events, count, room)
+        if 3 * count[LISTED] + room > events.shape[0]:
+            events = longer_list(events, count)
         t, end = k * dt, u[k + 1] if first else u[k]
         out[0, k] = reading(plant, t, state)
         out[1, k], out[2, k], out[3, k] = sample(

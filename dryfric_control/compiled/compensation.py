@@ -427,7 +427,8 @@ def run_loop(numbers, integers, state, law, memory, reference, disturbance, quan
     events = np.empty(64 * room)
     count = axis_step.tally(events)
     for k in range(n):
-        events = axis_step.with_room(events, count, room)
+        if 3 * count[axis_step.LISTED] + room > events.shape[0]:
+            events = axis_step.longer_list(events, count)
         y = encode(axis_step.reading(plant, k * dt, at), quantum)
         j = min(k + lead, n - 1)
         u = step(law, memory, reference[0, j], reference[1, j], reference[2, j], y)

@@ -68,7 +68,8 @@ def run_loop(
     events = np.empty(64 * room)
     count = axis_step.tally(events)
     for k in range(n):
-        events = axis_step.with_room(events, count, room)
+        if 3 * count[axis_step.LISTED] + room > events.shape[0]:
+            events = axis_step.longer_list(events, count)
         y = encode(axis_step.reading(plant, k * dt, state), quantum)
         u = control_update(control, past, reference[k], y)
         advance_plant(plant, k, dt, state, u, disturbance[k], y, events, count, out)

@@ -114,7 +114,7 @@ def _stretched(strain, y):
     return y - strain.y + strain.z
 
 
-@step.internal
+@step.internal(forceinline=True)
 def _deflection(side, drive, t0, tau, at, strain, mode, rest):
     """Deflection of a contact in a phase, and the one with which bristles slide."""
     if not _bristles(side):
@@ -131,14 +131,14 @@ def _deflection(side, drive, t0, tau, at, strain, mode, rest):
 @step.internal(forceinline=True)
 def _held(side, z, most, p):
     """Force of an elastic contact at deflection z and velocity p."""
-    # Bristles that slide at a constant deflection are not damped.
     numbers, rate = side.numbers, p
+    force = numbers[step.CONTACT_STIFFNESS] * z
+    if numbers[step.STICK_RATE] == 0.0:
+        return force
+    # Bristles that slide at a constant deflection are not damped.
     if most < math.inf:
         rate = p - abs(p) * z / most if most > 0.0 else 0.0
-    return (
-        numbers[step.CONTACT_STIFFNESS] * z
-        + numbers[step.STICK_RATE] / numbers[step.INVERSE_MASS] * rate
-    )
+    return force + numbers[step.STICK_RATE] / numbers[step.INVERSE_MASS] * rate
 
 
 @step.internal

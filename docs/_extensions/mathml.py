@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -23,6 +24,8 @@ FONT = "STIXTwoMath-Regular.ttf"
 def converted(node: nodes.Element, block: bool) -> str:
     """MathML of a math node; a warning and the source where that fails."""
     source = node.astext()
+    if re.search(r"frac(?!\{)", source):  # \frac12 x becomes 12 over x without a word
+        logger.warning("equation %r: write \\frac{1}{2}", source, location=node)
     try:
         return str(tex2mathml(source, as_block=block))
     except MathError as problem:

@@ -12,6 +12,7 @@ from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.compiled.observer import LINE as OBSERVER_LINE
+from dryfric_control.compiled.observer import MODE, NODE
 from dryfric_control.model.block import Block
 from dryfric_control.model.loops import LoopRun
 from dryfric_control.model.profiles import MotionProfile
@@ -98,7 +99,9 @@ class CompensatedController:
 
         states = [*_STATES, *(f"{what}{i + 1}" for i in range(self.lead) for what in "xvf")]
         states += [f"observer{i}" for i in range(self.memory().size - len(states))]
-        return Block.stepped(step, "xref vref aref y", "u friction", states, self.dt, name)
+        nodes = len(self.law.observer_transitions) - 1
+        whole = {f"observer{MODE}": (-1, 1), f"observer{NODE}": (0, nodes)}
+        return Block.stepped(step, "xref vref aref y", "u friction", states, self.dt, name, whole)
 
     def stepper(self) -> CompensationStepper:
         """Controller to be stepped sample by sample."""

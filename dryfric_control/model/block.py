@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import control as ct
@@ -13,6 +13,10 @@ from dryfric_control.checks import string
 
 #: Of time, state and input.
 Function = Callable[[float, Any, Any], Any]
+#: Least and largest value of a state that is a whole number, by name.
+Ranges = Mapping[str, tuple[int, int]]
+
+_LARGEST = 1e200  # of a sum of squares: beyond it a compiled step may overflow and not end
 
 
 class Block(ct.NonlinearIOSystem):
@@ -32,7 +36,16 @@ class Block(ct.NonlinearIOSystem):
         def taking_params(function: Function | None) -> Any:
             if function is None:
                 return None
-            return lambda t, x, u, params: function(t, x, u)
+
+            def checked(t: float, x: Any, u: Any, params: Any) -> Any:
+                if not np.dot(x, x) + np.dot(u, u) < _LARGEST:
+                    raise ValueError(
+                        f"an input or state of {name!r} is beyond 1e100 or no number at {t:g} s: "
+                        "the loop diverges, lower the gains of its controller; or give it numbers"
+                    )
+                return function(t, x, u)
+
+            return checked
 
         return cls(
             taking_params(update), taking_params(output), inputs=inputs.split(),
@@ -41,12 +54,25 @@ class Block(ct.NonlinearIOSystem):
 
     @classmethod
     def stepped(
-        cls, step: Function, inputs: str, outputs: str, states: Sequence[str], dt: float, name: str
-    ) -> Block:
-        """Block of a function that advances the state it is given and returns the outputs."""
+        cls, step: Function, inputs: str, outputs: str, states: Sequence[str], dt: float, name: str,
+        whole: Ranges | None = None,
+    ) -> Block:  # fmt: skip
+        """Block of a function that advances the state it is given and returns the outputs.
+
+        `whole`: states that the compiled step takes as indices.
+        """
+        indices = [(list(states).index(key), *ends) for key, ends in (whole or {}).items()]
 
         def sample(t: float, x: Any, u: Any) -> tuple[Any, Any]:
             state = np.array(x, dtype=float)
+            for i, least, largest in indices:
+                if not (least <= state[i] <= largest and state[i] == int(state[i])):
+                    raise ValueError(
+                        f"state {states[i]!r} of {name!r} must be a whole number from {least} to "
+                        f"{largest}, got {state[i]:g}: start it at 0, and others by their names in "
+                        "state_labels (find_state of an unknown name is None, which as an index "
+                        "means all of them)"
+                    )
             return step(t, state, u), state
 
         def update(t: float, x: Any, u: Any) -> Any:

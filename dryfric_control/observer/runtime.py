@@ -244,7 +244,8 @@ def pi_observer(
 
     states = ["xhat", "vhat", "what", "mode", "memory", "rest", "error_minus", "error_plus"]
     states += ["place", "count", "lagged", *(f"u{k}" for k in range(length - kernel.LINE))]
-    return Block.stepped(step, "u y", " ".join(OUTPUTS), states, design.dt, name)
+    whole = {"mode": (-1, 1), "memory": (0, len(arrays.transitions) - 1)}
+    return Block.stepped(step, "u y", " ".join(OUTPUTS), states, design.dt, name, whole)
 
 
 class Stepper:

@@ -135,3 +135,27 @@ def test_parameters_that_change_nothing_are_refused(axis):
         driven = ct.interconnect([own, plant], inputs=["r"], outputs=["F"])
         run = ct.input_output_response(driven, t, 0.1, params={"k": 3.0})
         assert run.outputs[0] == pytest.approx(0.3)  # at rest friction is the drive
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e308])
+def test_a_loop_that_diverges_ends_with_a_message(value):
+    """The compiled step of an elastic contact would not end."""
+    axis = dfc.FrictionAxis(
+        mass=2.0, viscous=15.0, coulomb=8.0, effects=(dfc.effects.Presliding(distance=1e-5),)
+    )
+    with pytest.raises(ValueError, match="beyond 1e100 or no number at 0 s: the loop diverges"):
+        ct.input_output_response(dfc.axis_block(axis, DT), np.arange(3) * DT, [value] * 3)
+
+
+@pytest.mark.parametrize("value", [0.5, -7.0, 1e12])
+def test_a_start_that_is_no_state_is_refused(value):
+    """The compiled observer takes two of its states as places in a table."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    blocks = (
+        dfc.pi_observer(dfc.design_pi_observer(axis, DT)),
+        dfc.design_compensation(axis, DT).controller.block(),
+    )
+    for block in blocks:
+        u, start = np.zeros((block.ninputs, 3)), np.full(block.nstates, value)
+        with pytest.raises(ValueError, match="must be a whole number from -1 to 1, got"):
+            ct.input_output_response(block, np.arange(3) * DT, u, start)

@@ -230,11 +230,13 @@ def uniform_step(t: Floats) -> float:
     if long.any() and np.mean(regular) >= 0.9:
         k = int(np.argmax(long))
         missing = int(np.sum(np.rint(steps[long] / median) - 1))
+        longest = float(steps.max())
+        allowed = f", max_gap={1.01 * longest:.3g}" if longest > 5.0 * median else ""
         raise ValueError(
             f"{int(long.sum())} gaps in t, about {missing} samples dropped; the first of "
-            f"{steps[k]:.4g} s (step {median:.4g} s) after t[{k}] = {t[k]:.6g} s. Split there with "
-            "Record.split_at_gaps(...), or fill short ones with Record.from_irregular(...) "
-            f"or read_record(..., dt={median:.4g})"
+            f"{steps[k]:.4g} s (step {median:.4g} s) after t[{k}] = {t[k]:.6g} s, the longest of "
+            f"{longest:.4g} s. Split there with Record.split_at_gaps(...), or fill short ones with "
+            f"Record.from_irregular(...) or read_record(..., dt={median:.4g}{allowed})"
         )
     dt = float((t[-1] - t[0]) / (t.size - 1))
     single = np.array_equal(t.astype(np.float32), t)

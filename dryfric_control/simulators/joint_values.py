@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import positive, samples, short, string
 from dryfric_control.diagnosis import Diagnosis
+from dryfric_control.diagnosis.report.findings import with_error
 from dryfric_control.estimation.force_residual import Sliding, at_the_mass
 from dryfric_control.estimation.parameters import SHIFT, values_of, with_values
 from dryfric_control.identification import Fit, replay
@@ -110,7 +111,7 @@ class SimulatorValues(Result):
             axis = self.reduced[joint]
             runs = [length_text(one, axis.units[0]) for one in self.free_runs.get(joint, ())]
             numbers = [_with_error(values.get(n, ""), errors.get(n)) for n in names]
-            off = f"{self.friction_error[joint]:.2g} {axis.units[1]}"
+            off = _error_text(self.friction_error[joint], axis.units[1])
             rows.append((joint, *numbers, off, " -> ".join(runs) or "no record"))
         yield rows
         if self.lost:
@@ -136,12 +137,14 @@ def _with_error(value: Any, error: float | None) -> str:
         return str(value) if isinstance(value, str) else f"{len(value)} rows"
     if error is None:
         return f"{value:.4g}"
-    return f"{value:.4g} +- {error:.1g}" if math.isfinite(error) else f"{value:.4g} (undetermined)"
+    return with_error(value, error)
 
 
 def _error_text(error: float, unit: str) -> str:
     if math.isnan(error):
         return "not known"
+    if error < 1e-12:  # round-off
+        return f"0 {unit}"
     return length_text(error, unit) if unit in ("m", "rad") else f"{error:.2g} {unit}"
 
 

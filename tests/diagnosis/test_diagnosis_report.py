@@ -542,6 +542,7 @@ def test_which_way_is_harder_is_told_in_newtons(uneven):
         (5.0, 0.0996, "5.00 +- 0.10"),
         (123456.0, 996.0, "123500 +- 1000"),
         (48.3, 120.0, "50 +- 120"),
+        (0.01, 316.2, "0.01 +- 320"),
         (3.0e-7, 2e-9, "(3.000 +- 0.020)e-07"),
         (2.5e9, 3e7, "(2.500 +- 0.030)e+09"),
         (0.0, 2e-6, "(0.0 +- 2.0)e-06"),
@@ -787,3 +788,10 @@ def test_what_is_advised_next(found):
     (step,) = [one for one in steps if one.startswith("Separate")]
     assert f"{wrong.title} from" in step and f"{too.title} from" in step
     assert "known mass" in step and 'known=("mass",)' in step
+    # A parameter at its bound is no structure that is left.
+    loose = replace(
+        found, verdict="partly explained", unexplained=replace(left, significant=False),
+        messages=(f"{found.causes[0].effect}.any ended at a bound",),
+    )  # fmt: skip
+    assert any(one.startswith("Determine") for one in wording.next_steps(loose))
+    assert "does not determine them" in wording.verdict_meaning(loose)

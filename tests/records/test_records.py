@@ -524,7 +524,7 @@ BAD_TEXT = {
     "newer format": ("# dryfric-control record 2 {}\nt,u,x\n" + table(), "update the package"),
     "damaged first line": ('# dryfric-control record 1 {"na\nt,u,x\n' + table(), "damaged"),
     "wrong first line": ("# dryfric-control record 1 [1]\nt,u,x\n" + table(), "damaged"),
-    "gap": ("t,u,x\n" + table(rows=np.c_[T, U, X][~GAP]), r"about 9 samples dropped.*dt=0.001\)"),
+    "gap": ("t,u,x\n" + table(rows=np.c_[T, U, X][~GAP]), r"about 9 samples dropped.*dt=0.001, max_gap=0.0101\)"),
 }  # fmt: skip
 
 

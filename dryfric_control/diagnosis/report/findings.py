@@ -255,9 +255,10 @@ def with_error(value: float, error: float, unit: str = "1") -> str:
     if error <= 0.0:
         return f"{value:.5g}{unit}"
     last = int(f"{error:.1e}".split("e")[1]) - 1
-    if value != 0.0 and round(value, -last) == 0.0:
-        return f"{value:.2g} +- {error:.2g}{unit}"  # the value, not a zero that was not found
     size = max(abs(value), error)
+    if value != 0.0 and round(value, -last) == 0.0:  # the value, not a zero that was not found
+        wide = f"{round(error, -last):.0f}" if 100.0 <= size < 1e6 else f"{error:.2g}"
+        return f"{value:.2g} +- {wide}{unit}"
     if 1e-3 <= size < 1e6:
         digits = max(-last, 0)
         return f"{round(value, -last):.{digits}f} +- {round(error, -last):.{digits}f}{unit}"

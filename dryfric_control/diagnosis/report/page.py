@@ -30,14 +30,6 @@ from dryfric_control.text import length_text, percent, rotary_words, table, type
 # Size of a panel [in]: two stand side by side on a page, one fills a telephone; and the
 # resolution of clouds of dots.
 _PANEL, _DOTS = (4.9, 3.7), 200
-# What each verdict means, for a reader who meets it for the first time.
-MEANING = {
-    "nothing to find": "The simulation and the record differ by no more than noise.",
-    "explained": "With the causes below, free runs differ from the record by no more than noise.",
-    "partly explained": "The causes below are real, but they leave structure in the error.",
-    "unexplained": "The simulation is wrong, and no effect in the catalogue explains why.",
-}
-
 _TEMPLATES = jinja2.Environment(
     loader=jinja2.PackageLoader("dryfric_control.diagnosis.report", "."),
     autoescape=True,
@@ -56,6 +48,8 @@ def _svg(draw: Callable[..., None], *given: Any, **options: Any) -> str:
         figure = Figure(figsize=_PANEL, layout="constrained")
         axes = figure.subplots(1, 1)
         draw(*given, axes, **options)
+        if axes.get_xscale() == "linear":  # more of them touch, with a sign and two decimals
+            axes.locator_params(axis="x", nbins=6)
         control_plot(np.array([axes], dtype=object))
         buffer = io.BytesIO()
         figure.savefig(buffer, format="svg", dpi=_DOTS, metadata={"Date": None})
@@ -73,7 +67,7 @@ _TEMPLATES.filters |= {
     "html_table": lambda rows: Markup(table(rows, as_html=True)),
 }  # fmt: skip
 _TEMPLATES.globals |= {
-    "br": Markup("<br>"), "say": wording, "parameter_texts": parameter_texts, "MEANING": MEANING,
+    "br": Markup("<br>"), "say": wording, "parameter_texts": parameter_texts,
     "SMALL": SMALL, "LEAST": LEAST, "version": __version__, "figures": figures, "svg": _svg,
 }  # fmt: skip
 
@@ -128,7 +122,7 @@ def _evidence_rows(d: Findings, before: Evidence, after: Evidence | None) -> lis
 
 
 def _acting_rows(d: Findings) -> list[tuple[str, ...]]:
-    """Values that act in each direction, all effects included."""
+    """Values that act in each direction, all effects included; beside those found, if any."""
     length, force = d.axis.units
     believed, found = d.axis.effective(), d.extended.effective()
     head = ("friction, effects included", "nominal", "with the causes", "change")
@@ -154,4 +148,4 @@ def _acting_rows(d: Findings) -> list[tuple[str, ...]]:
     if (one := believed.stribeck) and (other := found.stribeck):
         row("Stribeck excess", one.excess, other.excess, "1")
         row("Stribeck velocity", one.speed, other.speed, f"{length}/s")
-    return cells
+    return cells if d.causes else [line[:2] for line in cells]

@@ -2,7 +2,6 @@
 
 import math
 
-import control as ct
 import numpy as np
 import pytest
 from diagnosis_cases import believed, machine
@@ -15,7 +14,17 @@ DT = 1e-3
 fx = dfc.effects
 
 
-CASES = [(slug, 1) for slug in (*EFFECTS, *ADDED, ())] + [(slug, 2) for slug in ADDED]
+CLOSE = {
+    # The stick band below Sigma <= 1e-4 m/s shortens each stop by up to Sigma/p = 2e-7 m.
+    "presliding": 2e-8,
+    "compliance": 1e-6,
+    # An impact on the truth's contact, made 100 times stiffer, lasts some 60 us, on ours no time:
+    # at a closing speed of up to 0.1 m/s the load is 6 um off.
+    "backlash": 6e-6,
+}
+CASES = [(slug, 1) for slug in (*EFFECTS, *ADDED, ())]
+CASES += [(slug, 2) for slug in (*ADDED, *CLOSE)]
+CASES += [("presliding", 3), ("compliance", 3), ("backlash", 4)]  # the first two beside a peak
 
 
 @pytest.mark.parametrize(("slug", "seed"), CASES, ids=lambda one: str(one or "nothing"))
@@ -32,7 +41,7 @@ def test_a_run_is_that_of_the_truth(slug, seed):
     readings = np.array([_read(plant, state) for state in states])
     run = axis.simulate(case.u[:n], DT, x0=case.states[0, 0])
     error = np.abs(run.y[0] - readings).max()
-    closest = 1e-5 if slug in ADDED and not case.plant.gap else 2e-5
+    closest = CLOSE.get(slug, 1e-5 if slug in ADDED and not case.plant.gap else 2e-5)
     assert error < (closest if slug else 0.1 * case.quantum)
     without = believed(case).simulate(case.u[:n], DT, x0=case.states[0, 0])
     # The stick band shortens a stop by Sigma/p = 2e-7 m, which friction that falls with velocity
@@ -41,7 +50,7 @@ def test_a_run_is_that_of_the_truth(slug, seed):
     assert not slug or np.abs(without.y[0] - readings).max() > times * error
 
 
-def test_every_face_reads_alike():
+def test_an_encoder_reads_otherwise_than_the_axis_stands():
     encoder = fx.EccentricEncoder(amplitude=2e-4, period=0.01, phase=0.5)
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=(encoder,))
     u = 20.0 * np.sin(30.0 * DT * np.arange(200))
@@ -49,12 +58,6 @@ def test_every_face_reads_alike():
     true = axis.replace(effects=()).simulate(u, DT).y[0]
     wave = 2e-4 * np.sin(2.0 * np.pi * true / 0.01 + 0.5)
     np.testing.assert_allclose(run.y[0], true + wave, rtol=0, atol=1e-15)
-    block = ct.input_output_response(dfc.axis_block(axis, DT), run.t, u)
-    np.testing.assert_allclose(block.outputs[0], run.y[0], rtol=0, atol=1e-15)
-    stepper = axis.stepper(DT)
-    for k in range(100):
-        stepper.step(u[k])
-    assert stepper.x == pytest.approx(run.y[0, 100], abs=1e-15)
     # A loop follows the reading: the axis itself comes to rest elsewhere.
     loop = dfc.PositionController(kp=2500.0, ki=5000.0, kd=110.0, dt=DT, limit=60.0)
     closed = dfc.simulate_loop(axis, loop, np.full(2000, 0.0133))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 
 import numpy as np
@@ -109,28 +108,6 @@ def test_sign_breaks_away_inside_the_sample_of_a_ramp(direction):
     np.testing.assert_allclose(x, direction * slope * past**3 / (6 * 2.0), atol=1e-12)
 
 
-def test_tanh_follows_its_closed_form():
-    # m v' = -Fc tanh(v/w) has sinh(v/w) = sinh(v0/w) exp(-Fc t / (m w)).
-    width, v0 = 0.05, 0.3
-    _, v, force, _ = Tanh(speed=width).run(coulomb_axis(), np.zeros(400), DT, v0=v0)
-    t = DT * np.arange(400)
-    expected = width * np.arcsinh(np.sinh(v0 / width) * np.exp(-3.0 * t / (2.0 * width)))
-    # 400 steps, each within 1e-8 of max(|v|, width).
-    np.testing.assert_allclose(v, expected, atol=1e-7)
-    np.testing.assert_allclose(force, 3.0 * np.tanh(v / width), rtol=1e-14)
-
-
-@pytest.mark.slow
-def test_tanh_tends_to_the_sign_law():
-    axis = coulomb_axis(stick_speed=1e-9)
-    u = 5.0 * np.sin(2 * np.pi * 2.0 * DT * np.arange(200))
-    exact, _, _, _ = Sign().run(axis, u, DT)
-    gap = [np.abs(Tanh(speed=w).run(axis, u, DT)[0] - exact).max() for w in (1e-2, 1e-3, 1e-4)]
-    # First order in the width, up to a logarithm: the creep at rest is w artanh(u/Fc).
-    assert gap[1] < gap[0] / 5
-    assert gap[2] < gap[1] / 5
-
-
 def test_karnopp_rests_below_breakaway_and_leaves_the_band_on_time():
     axis = coulomb_axis(stribeck=dfc.Stribeck(excess=0.5, speed=0.01))
     law = Karnopp(band=1e-3)
@@ -170,72 +147,6 @@ def test_karnopp_stops_at_the_edge_of_its_band():
     x, v, _, mode = Karnopp(band=band).run(coulomb_axis(), np.zeros(1000), DT, v0=v0)
     assert x[-1] == pytest.approx(2.0 * (v0**2 - band**2) / (2 * 3.0), abs=1e-13)
     assert mode[-1] == 0 and v[-1] == 0.0
-
-
-def test_dahl_slows_down_along_its_closed_form():
-    # F(x) = Fc (1 - exp(-sigma0 x / Fc)) from unloaded bristles; energy gives v(x).
-    stiffness, v0 = 50.0, 0.5
-    x, v, force, _ = Dahl(stiffness=stiffness).run(coulomb_axis(), np.zeros(200), DT, v0=v0)
-    sag = 1.0 - np.exp(-stiffness * x / 3.0)
-    np.testing.assert_allclose(force, 3.0 * sag, atol=3e-7)  # 200 steps of 1e-8 in z
-    spent = 3.0 * x - 3.0**2 / stiffness * sag
-    np.testing.assert_allclose(v**2, v0**2 - 2 / 2.0 * spent, atol=3e-7)
-
-
-@pytest.mark.slow
-def test_dahl_hysteresis_between_reversals():
-    # Whatever the motion, from one reversal (xr, Fr) to the next
-    # F = s Fc + (Fr - s Fc) exp(-s sigma0 (x - xr) / Fc).
-    stiffness = 300.0
-    u = 16.0 * np.sin(2 * np.pi * 3.0 * DT * np.arange(2000))
-    x, v, force, _ = Dahl(stiffness=stiffness).run(coulomb_axis(viscous=30.0), u, DT)
-    turns = np.flatnonzero(np.diff(np.sign(v)) != 0) + 1
-    assert len(turns) >= 10
-    for begin, end in itertools.pairwise(turns):
-        s = np.sign(v[begin])
-        part = slice(begin, end)
-        expected = 3.0 * s + (force[begin] - 3.0 * s) * np.exp(
-            -s * stiffness * (x[part] - x[begin]) / 3.0
-        )
-        # Some 200 steps of 1e-8 relative to the bristle's full deflection.
-        np.testing.assert_allclose(force[part], expected, atol=6e-6)
-    assert np.abs(force).max() > 2.9  # the loop nears saturation, or it tests little
-
-
-@pytest.mark.parametrize("speed", [0.02, 0.2])
-def test_lugre_slides_steadily_at_the_stribeck_level(speed):
-    axis = coulomb_axis(viscous=60.0, stribeck=dfc.Stribeck(excess=0.5, speed=0.05))
-    level = 3.0 * (1 + 0.5 * math.exp(-(((speed - 1e-6) / 0.05) ** 2)))
-    u = np.full(3000, level + 60.0 * speed)
-    law = LuGre(stiffness=1e4, damping=100.0)
-    _, v, force, _ = law.run(axis, u, DT, v0=speed)
-    # Settled: 3 s against time constants of at most 0.1 s.
-    assert force[-1] == pytest.approx(level, rel=1e-7)
-    assert v[-1] == pytest.approx(speed, rel=1e-6)
-
-
-def test_lugre_presliding_is_a_spring_of_stiffness_sigma0():
-    stiffness = 1e4
-    law = LuGre(stiffness=stiffness, damping=200.0)
-    # Monotone slow loading from rest gives u = Fc (1 - exp(-sigma0 x / Fc)).
-    u = 0.5 - 0.5 * np.cos(np.pi * np.minimum(np.arange(4000) / 2000, 1.0))
-    x, v, force, _ = law.run(coulomb_axis(), u, DT, hold="first")
-    assert force[-1] == pytest.approx(1.0, rel=1e-6)
-    assert abs(v[-1]) < 1e-9
-    # Left out: inertia, (pi / 2 s)^2 m / sigma0 = 5e-4 of the load, and only on the way.
-    assert x[-1] == pytest.approx(-3.0 / stiffness * math.log1p(-1.0 / 3.0), rel=1e-4)
-
-    # The slope at the origin is sigma0: u / Fc = 0.003 bends it by half of that.
-    x, _, _, _ = law.run(coulomb_axis(), np.full(1000, 0.009), DT)
-    assert x[-1] == pytest.approx(0.009 / stiffness, rel=0.003)
-
-
-def test_lugre_without_damping_is_dahl():
-    u = 4.0 * np.sin(7.0 * DT * np.arange(500))
-    almost = LuGre(stiffness=1e3, damping=1e-300).run(rich_axis(), u, DT)
-    dahl = Dahl(stiffness=1e3).run(rich_axis(), u, DT)
-    for a, b in zip(almost, dahl, strict=True):
-        np.testing.assert_array_equal(a, b)
 
 
 def stiff_reference(law, u, hold, x0, v0):

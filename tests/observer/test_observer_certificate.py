@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 
 import numpy as np
@@ -13,7 +14,7 @@ from dryfric_control import FrictionAxis
 from dryfric_control.observer import CertificateError, design_pi_observer
 from dryfric_control.observer.certificate import LEAST_MARGIN, Block, check_blocks
 from dryfric_control.observer.error_model import ErrorModel
-from dryfric_control.observer.switching import best_gain, path_of, worst_switching
+from dryfric_control.observer.switching import best_gain, path_of
 
 DT = 1e-3
 AXIS = FrictionAxis(mass=1.0, viscous=0.4, coulomb=8.0, stick_rate=500.0, stick_speed=1e-4)
@@ -45,9 +46,39 @@ CASES = {
 }
 
 
+@functools.cache
+def designed(case):
+    """A design of the table, or one drawn at random."""
+    if isinstance(case, str):
+        return design_pi_observer(AXIS, DT, **CASES[case])
+    rng = np.random.default_rng([1311, case])
+    dt = 10.0 ** rng.uniform(-4.0, -2.7)
+    mass = 10.0 ** rng.uniform(-2.0, 1.5)
+    level = mass * 10.0 ** rng.uniform(-0.5, 1.0)
+    off = 0.1 * level
+    uneven = {0: off, 1: off, -1: 1.5 * off if rng.random() < 0.5 else off}
+    axis = FrictionAxis(
+        mass=mass,
+        viscous=mass * 10.0 ** rng.uniform(-1.0, 1.0),
+        coulomb=level,
+        stick_rate=rng.uniform(0.05, 0.9) / dt,
+        stick_speed=1e-4,
+    )
+    return design_pi_observer(
+        axis,
+        dt,
+        method=("slack", "paper", "dwell", "path")[case % 4],
+        window=(None, None, 3, 2)[case % 4],
+        form=("current", "prediction")[case // 2 % 2],
+        discretization=("euler", "zoh")[int(rng.integers(2))],
+        encoder_quantum=10.0 ** rng.uniform(-7.0, -5.0),
+        uncertainty=uneven,
+    )
+
+
 @pytest.fixture(scope="module", params=CASES)
 def design(request):
-    return design_pi_observer(AXIS, DT, **CASES[request.param])
+    return designed(request.param)
 
 
 def open_loop(design, node):
@@ -57,12 +88,12 @@ def open_loop(design, node):
     rate = p if mode == 0 else f / m
     continuous = np.array([[0.0, 1.0, 0.0], [0.0, -rate, 1.0 / m], [0.0, 0.0, 0.0]])
     if design.discretization == "euler":
-        A = np.eye(3) + DT * continuous
+        A = np.eye(3) + design.dt * continuous
         push = A[:2, 2].copy()
     else:
-        A = scipy.linalg.expm(DT * continuous)
+        A = scipy.linalg.expm(design.dt * continuous)
         continuous[1, 1] = -f / m
-        push = scipy.linalg.expm(DT * continuous)[:2, 2]
+        push = scipy.linalg.expm(design.dt * continuous)[:2, 2]
         A[:2, 2] = push
     columns = [np.append(push * design.uncertainty[mode], 0.0), np.zeros(3)]
     if design.drift:
@@ -88,20 +119,39 @@ def closed_loop(design, node, after=None):
     return keep @ A, keep @ W - np.outer(M, noise), Z
 
 
-def test_every_block_holds_by_an_independent_check(design):
+def steps(design):
+    """Changes of memory that the observer's own table allows, from modes that have lasted."""
+    table, found, todo = design.transition_table(), set(), [*map(int, design.resting_nodes())]
+    while todo:
+        before = todo.pop()
+        new = {(before, int(after)) for after in table[before]} - found
+        found |= new
+        todo += [after for _, after in new]
+    return found
+
+
+@pytest.mark.parametrize("case", [*CASES, *range(8)])
+def test_every_step_holds_by_an_independent_check(case):
     """Scipy alone: generalized eigenvalues of the quadratic forms in SI units."""
+    design = designed(case)
+    assert steps(design) == set(design.graph.edges)
     T = np.diag(1.0 / design.state_scale)
     P = [design.output_scale**-2 * T @ X @ T for X in design.lyapunov]
     Q = [T @ X @ T for X in design.lyapunov_decay]
-    for i, j in design.graph.edges:
+    largest = []
+    for i, j in steps(design):
         F, G, Z = closed_loop(design, i, j)
-        step = np.hstack([F, G])
-        before = scipy.linalg.block_diag(P[i] - Z.T @ Z, design.gamma**2 * np.eye(G.shape[1]))
-        # energy after, in units of energy before plus supply, must stay below 1
-        assert scipy.linalg.eigh(step.T @ P[j] @ step, before, eigvals_only=True)[-1] < 1.0
+        step, quiet = np.hstack([F, G]), np.eye(G.shape[1])
+        # Energy after and the output, in units of energy before plus supply, stay below 1.
+        after = step.T @ P[j] @ step + scipy.linalg.block_diag(Z.T @ Z, 0.0 * quiet)
+        before = scipy.linalg.block_diag(P[i], design.gamma**2 * quiet)
+        largest.append(scipy.linalg.eigh(after, before, eigvals_only=True)[-1])
         if design.decay < 1.0:
             ratio = scipy.linalg.eigh(F.T @ Q[j] @ F, Q[i], eigvals_only=True)[-1]
-            assert np.sqrt(ratio) < design.decay
+            largest.append(ratio / design.decay**2)
+    assert max(largest) < 1.0
+    # Rounding of 3 x 3 factors with condition numbers up to 1e4.
+    assert 1.0 - max(largest) == pytest.approx(design.certificate.margin, rel=1e-3, abs=1e-6)
 
 
 def test_report_says_what_was_checked(design):
@@ -198,7 +248,7 @@ def test_worst_switching_is_reached_by_an_explicit_disturbance(design):
 
 def test_no_short_sequence_beats_the_one_found():
     """Every word of up to six modes, rotations and repetitions aside, against the search."""
-    design = design_pi_observer(AXIS, DT, **CASES["slack"])
+    design = designed("slack")
     for period in range(1, 7):
         for word in itertools.product((0, 1), repeat=period):
             turned = [word[k:] + word[:k] for k in range(1, period)]
@@ -206,28 +256,6 @@ def test_no_short_sequence_beats_the_one_found():
                 continue
             path = path_of(design.graph, word)
             assert lifted_gain(design, path, 120 // period) < design.lower_bound
-
-
-def test_best_gain_against_the_algebraic_riccati_equation():
-    """Stabilizing solution for gammas above, none for gammas below."""
-    design = design_pi_observer(AXIS, DT, **SPEC)
-    A = np.array([[1.0, DT], [0.0, 1.0 - 0.4 * DT]])
-    C, Z = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
-    W = np.array([0.0, DT])
-
-    def feasible(gamma):
-        both = np.vstack([C, Z])
-        weight = np.diag([1e-8, -(gamma**2)])
-        try:
-            S = scipy.linalg.solve_discrete_are(A.T, both.T, np.outer(W, W), weight)
-        except np.linalg.LinAlgError:
-            return False
-        return bool(np.linalg.eigvalsh(S)[0] >= 0.0 and S[1, 1] < gamma**2)
-
-    limit = best_gain({1: _physical_models(design)[1]}, (1,))
-    # the recursion stops after 20,000 samples and a bisection of width 2e-5
-    assert feasible(1.001 * limit)
-    assert not feasible(0.999 * limit)
 
 
 def test_limit_is_shown_by_an_invisible_disturbance(design):
@@ -284,20 +312,6 @@ def test_best_gain_against_an_exhaustive_scalar_case():
     # q = 1 - 1/g^2 that is q X^2 + q X = 1, which has a solution for every g above 1.
     # Below, S grows by less than one a sample until 1/S < -q: 1e-4 in 20,000 samples.
     assert best_gain({1: model.corrected()}, (1,)) == pytest.approx(1.0, rel=2e-4)
-
-
-def test_search_finds_the_only_bad_switching():
-    """Two rotations, each contracting alone, that together amplify."""
-    design = design_pi_observer(AXIS, DT, method="slack", **SPEC)
-    alone = max(
-        worst_switching(
-            {key: model for key in (0, 1)}, design.graph, np.tile(design.node_gains[k], (2, 1)), 1e3
-        )[0]
-        for k, model in enumerate(_physical_models(design).values())
-    )
-    together, word = worst_switching(_physical_models(design), design.graph, design.node_gains, 1e3)
-    assert len(set(word)) == 2
-    assert together > alone
 
 
 def _physical_models(design):

@@ -56,14 +56,15 @@ def _written(folder: Path, name: str, write: Callable[[Path], object]) -> bytes:
 
 
 def bam_log() -> bytes:
-    """Log of a servo."""
+    """Log of a servo: its drive forwards, backwards, and off; stamps of 3.5 to 5.3 ms."""
+    stamps = np.cumsum(np.random.default_rng(2).uniform(0.0035, 0.0053, 60)).tolist()
     entries = [
-        {"timestamp": 4e-3 * k, "position": float(np.sin(0.1 * k)), "speed": 0.0,
-         "goal_position": 0.5, "load": 100 + k, "input_volts": 7.5, "temp": 28.0,
-         "torque_enable": True}
-        for k in range(30)
+        {"timestamp": s, "position": round(4096 * math.sin(9 * s)) / 4096, "speed": 0.0,
+         "goal_position": math.sin(9 * s), "load": 100 + k if k < 30 else 65536 - k,
+         "input_volts": 7.5, "temp": 28 + k // 30, "torque_enable": k < 50}
+        for k, s in enumerate(stamps)
     ]  # fmt: skip
-    head = {"mass": 0.5, "length": 0.1, "kp": 100, "vin": 7.4, "motor": "a", "trajectory": "b"}
+    head = {"mass": 0.49, "length": 0.1, "kp": 100, "vin": 7.4, "motor": "a", "trajectory": "b"}
     return json.dumps(head | {"entries": entries}).encode()
 
 
@@ -103,6 +104,24 @@ def _mcap() -> list[bytes]:
         writer.add_message(channel, log_time=10**6 * k, publish_time=10**6 * k, data=data)
     writer.finish()
     return [file.getvalue()]
+
+
+def joint_states(joints: dict[str, tuple[np.ndarray, np.ndarray]], stamps: np.ndarray) -> bytes:
+    """A log of ROS 2: positions and efforts of joints at stamps [ns] since the first."""
+    from mcap_ros2.writer import Writer
+
+    file = io.BytesIO()
+    writer = Writer(file)
+    text = "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
+    schema = writer.register_msgdef("sensor_msgs/msg/JointState", text)
+    for k, stamp in enumerate(10**18 + stamps.astype(int)):
+        x, u = zip(*((float(x[k]), float(u[k])) for x, u in joints.values()), strict=True)
+        message = {"name": [*joints], "position": [*x], "velocity": [], "effort": [*u]}
+        writer.write_message(
+            "/joint_states", schema, message, log_time=int(stamp), publish_time=int(stamp)
+        )
+    writer.finish()
+    return file.getvalue()
 
 
 def _tables(folder: Path) -> dict[str, list[bytes]]:

@@ -8,6 +8,7 @@ import struct
 import sys
 import zlib
 
+import damage
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -39,8 +40,17 @@ def same(record, scale=1.0):
 TEXTS = {
     "# in a heading": "sample #,t [s],u [N],x [m]\n" + rows(np.arange(N), T, U, X),
     "heading behind #, comments behind it": "#t,u,x\n# recorded on a Monday\n" + rows(T, U, X),
+    "comma and blanks": "t , u, x\n" + rows(T, U, X, mark=", "),
+    "byte order mark": "\ufefft,u,x\n" + rows(T, U, X),
+    "comments": "# made by hand\n\n# on a Monday\nt,u,x\n" + rows(T, U, X, end="  # ok\n"),
+    "quoted": '"t","u","x"\n"' + rows(T, U, X, mark='","', end='"\n"')[:-1],
+    "trailing delimiter": "t,u,x,\n" + rows(T, U, X, end=",\n"),
+    "trailing delimiter in rows only": "t,u,x\n" + rows(T, U, X, end=",\n"),
+    "other order": "x,t,u\n" + rows(X, T, U),
+    "text in another column": "t,u,x,mode\n" + rows(T, U, X, end=",slip\n"),
     "sep= of Excel": "sep=;\nt;u;x\n" + rows(T, U, X, mark=";"),
     "per cent comments": "% made by octave\n% t,u,x\n" + rows(T, U, X),
+    "commented heading of blanks": "# t u x\n" + rows(T, U, X, mark=" "),
     "trailing tab": "t\tu\tx\t\n" + rows(T, U, X, mark="\t").replace("\n", "\t\n"),
     "trailing tab, no heading": rows(T, U, X, mark="\t").replace("\n", "\t\n"),
     "row of units": "Time;Force;Pos\nms;N;mm\n" + rows(1e3 * T, U, 1e3 * X, mark=";"),
@@ -51,7 +61,9 @@ TEXTS = {
 
 @pytest.mark.parametrize("case", TEXTS)
 def test_what_programs_write_is_read(tmp_path, case):
-    same(dfc.read_record(write(tmp_path, TEXTS[case])))
+    record = dfc.read_record(write(tmp_path, TEXTS[case]))
+    same(record)
+    assert record.name == "run" and record.reference is None
 
 
 @pytest.mark.parametrize(
@@ -279,22 +291,9 @@ def test_mcap_of_two_topics_is_brought_onto_the_position(tmp_path):
 
 
 def test_mcap_of_ros_2(tmp_path):
-    writer_of = pytest.importorskip("mcap_ros2.writer").Writer
-    file = io.BytesIO()
-    writer = writer_of(file)
-    text = "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
-    schema = writer.register_msgdef("sensor_msgs/msg/JointState", text)
-    for k in range(N):
-        joints = {
-            "name": ["a", "b"],
-            "position": [0.0, X[k]],
-            "velocity": [],
-            "effort": [0.0, U[k]],
-        }
-        stamp = 10**18 + 10**6 * k
-        writer.write_message("/joint_states", schema, joints, log_time=stamp, publish_time=stamp)
-    writer.finish()
-    path = write(tmp_path, file.getvalue(), "run.mcap")
+    pytest.importorskip("mcap_ros2")
+    log = damage.joint_states({"a": (0.0 * X, 0.0 * U), "b": (X, U)}, 10**6 * np.arange(N))
+    path = write(tmp_path, log, "run.mcap")
     for asked in (dict(joint="b"), dict(columns={"x": "position.b"})):
         record = dfc.read_record(path, **asked)
         same(record)
@@ -312,14 +311,8 @@ def test_known_channels_are_kept_and_cut_with_the_rest(tmp_path):
     assert not record.channels["v"].flags.writeable
     part = record[50:250].decimated(2).resampled(1e-3)
     assert len(part.channels["v"]) == len(part)
-    record.to_csv(tmp_path / "kept.csv")
-    back = dfc.read_record(tmp_path / "kept.csv")
-    assert back == record and back.raw == record.raw and back.units == record.units
-    assert dfc.Record.from_frame(record.to_pandas()) == record
     assert record.compare("v").gain == pytest.approx(1.0, abs=0.02)
     assert record.compare("x2").rms < 1e-6
-    with pytest.raises(ValueError, match="no channel 'w'; it has v, a, x2"):
-        record.compare("w")
 
 
 def test_a_delay_of_a_channel_is_measured():

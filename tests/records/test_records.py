@@ -6,8 +6,8 @@ import dataclasses
 import json
 import math
 import warnings
-from pathlib import Path
 
+import damage
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -21,7 +21,6 @@ N = 400
 T = 1e-3 * np.arange(N)
 U = np.cos(40 * T) + 0.3 * np.sin(7 * T)
 X = 0.02 * np.sin(11 * T)
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 
 
 def good(**changes) -> dict:
@@ -405,40 +404,6 @@ def table(delimiter=",", decimal=".", end="\n", rows=None):
     return end.join(lines) + end
 
 
-DIALECTS = {
-    "comma": "t,u,x\n" + table(),
-    "comma and blanks": "t , u, x\n" + table(", "),
-    "no heading": table(),
-    "semicolon": "t;u;x\n" + table(";"),
-    "decimal comma": "t;u;x\n" + table(";", ","),
-    "decimal comma with tabs": "t\tu\tx\n" + table("\t", ","),
-    "decimal comma with blanks": "t u x\n" + table(" ", ","),
-    "tab": "t\tu\tx\n" + table("\t"),
-    "blanks": "t   u x\n" + table("  "),
-    "windows lines": "t,u,x\r\n" + table(end="\r\n"),
-    "old mac lines": "t,u,x\r" + table(end="\r"),
-    "byte order mark": "\ufefft,u,x\n" + table(),
-    "comments": "# made by hand\n\n# on a Monday\nt,u,x\n" + table(end="  # ok\n"),
-    "commented heading": "# t u x\n" + table(" "),
-    "quoted": '"t","u","x"\n"' + table('","', end='"\n"')[:-1],
-    "trailing delimiter": "t,u,x,\n" + table(end=",\n"),
-    "trailing delimiter in rows only": "t,u,x\n" + table(end=",\n"),
-    "other order": "x,t,u\n" + table(rows=np.c_[X, T, U]),
-    "usual names": "Time,Position,Force\n" + table(rows=np.c_[T, X, U]),
-    "text in another column": "t,u,x,mode\n" + table(end=",slip\n"),
-    "units": "t [s],u (N),x / m\n" + table(),
-}
-
-
-@pytest.mark.parametrize("dialect", DIALECTS)
-def test_dialects(tmp_path, dialect):
-    record = read_record(write(tmp_path, DIALECTS[dialect]))
-    assert np.array_equal(record.t, T)
-    assert np.array_equal(record.u, U)
-    assert np.array_equal(record.x, X)
-    assert record.name == "run" and record.reference is None
-
-
 @pytest.mark.parametrize(
     ("heading", "factors", "units"),
     [
@@ -592,13 +557,6 @@ def test_frames():
     assert np.array_equal(record.t, T) and dict(record.units) == {"t": "s", "u": "N", "x": "m"}
     np.testing.assert_allclose(record.x, X, rtol=1e-15)
     pd.testing.assert_frame_equal(frame, before)
-    for index in (
-        pd.to_timedelta(np.arange(N), unit="ms"),
-        pd.date_range("2026-01-01", periods=N, freq="1ms"),
-    ):
-        timed = Record.from_frame(frame.set_index(index))
-        assert timed.dt == 1e-3
-        np.testing.assert_allclose(timed.t, T, rtol=0, atol=1e-15)
     own = Record.from_frame(frame.reset_index(), {"u": "force", "x": 2})
     assert own == record
     with pytest.raises(ValueError, match="no column recognised as t"):
@@ -638,7 +596,7 @@ def test_emps_layout_applies_its_gain(tmp_path):
         float, st.tuples(st.integers(10, 15), st.just(2)), elements=st.floats(-1e9, 1e9)
     ),
     dialect=st.sampled_from(
-        [(",", "."), (";", "."), (";", ","), ("\t", ","), ("  ", "."), (" ", ",")]
+        [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), ("  ", "."), (" ", ",")]
     ),
     heading=st.booleans(),
     style=st.sampled_from(["{!r}", "{:.3f}", "{:+.6e}", "{:g}", "{:.0f}"]),
@@ -661,33 +619,17 @@ def test_numbers_are_read_as_written_or_refused(tmp_path, rows, dialect, heading
     assert np.array_equal(np.c_[record.t, record.u, record.x], true)
 
 
-def bam_log(n=60, **changes):
-    rng = np.random.default_rng(2)
-    t = np.cumsum(rng.uniform(0.0035, 0.0053, n))
-    head = {"mass": 0.49, "length": 0.1, "kp": 100, "vin": 7.4, "motor": "xl330", "trajectory": "a"}
-    entries = [
-        {
-            "timestamp": float(s), "position": round(4096 * math.sin(9 * s)) / 4096,
-            "goal_position": math.sin(9 * s), "load": (100 + k if k < 30 else 65536 - k),
-            "input_volts": 7.5, "temp": 28 + k // 30, "torque_enable": k < 50, "speed": 0.0,
-        }
-        for k, s in enumerate(t)
-    ]  # fmt: skip
-    return head | {"entries": entries} | changes
-
-
 def test_bam_log(tmp_path):
-    log = bam_log()
-    path = write(tmp_path, json.dumps(log), "log.json")
+    path = write(tmp_path, damage.bam_log().decode(), "log.json")
     found = read_bam(path, dt=0.004)
     record = found["record"]
-    assert (found["mass"], found["kp"], found["trajectory"], record.dt) == (0.49, 100, "a", 0.004)
+    assert (found["mass"], found["kp"], found["trajectory"], record.dt) == (0.49, 100, "b", 0.004)
     assert record.units["u"] == "V" and record.quantum == pytest.approx(1 / 4096)
     for key in ("volts", "temperature", "torque_enable"):
         assert found[key].shape == (len(record),)
     # forward drive first, then reverse, then none
     assert record.u[0] == pytest.approx(100 / 885 * 7.5)
-    stamps = np.array([e["timestamp"] for e in log["entries"]])
+    stamps = np.array([e["timestamp"] for e in json.loads(damage.bam_log())["entries"]])
     middle = np.searchsorted(record.t, stamps[40]) - 1
     assert -50 / 885 * 7.5 < record.u[middle] < -30 / 885 * 7.5
     off = record.t > stamps[50]
@@ -697,10 +639,3 @@ def test_bam_log(tmp_path):
     )
     assert found["torque_enable"][record.t < stamps[50]].all()
     assert set(found["temperature"]) == {28.0, 29.0}
-
-
-def real(*parts):
-    path = DATA.joinpath(*parts)
-    if not path.exists():
-        pytest.skip(f"real record {parts[-1]} is not there")
-    return path

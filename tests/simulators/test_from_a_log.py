@@ -1,7 +1,6 @@
 """From a made log of some joints, as robots write it, to MuJoCo by one command."""
 
-import io
-
+import damage
 import numpy as np
 import pytest
 from diagnosis_cases import among
@@ -43,31 +42,15 @@ def driven():
     return found
 
 
-def joint_states(runs, path):
-    """A log of ROS 2 that has lost one row in a hundred."""
-    writer_of = pytest.importorskip("mcap_ros2.writer").Writer
-    file = io.BytesIO()
-    writer = writer_of(file)
-    text = "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
-    schema = writer.register_msgdef("sensor_msgs/msg/JointState", text)
-    for k in np.flatnonzero(np.random.default_rng(2).random(N) > 0.01):
-        message = {
-            "name": list(runs),
-            "position": [float(x[k]) for _, x in runs.values()],
-            "velocity": [],
-            "effort": [float(u[k]) for u, _ in runs.values()],
-        }
-        stamp = 10**18 + 10**7 * int(k)
-        writer.write_message("/joint_states", schema, message, log_time=stamp, publish_time=stamp)
-    writer.finish()
-    path.write_bytes(file.getvalue())
-
-
 def test_from_a_log_to_mujoco_by_one_command(tmp_path, monkeypatch):
     mujoco = pytest.importorskip("mujoco")
+    pytest.importorskip("mcap_ros2")
     monkeypatch.chdir(tmp_path)
     runs = driven()
-    joint_states(runs, tmp_path / "run.mcap")
+    # The log has lost one row in a hundred.
+    there = np.flatnonzero(np.random.default_rng(2).random(N) > 0.01)
+    joints = {name: (x[there], u[there]) for name, (u, x) in runs.items()}
+    (tmp_path / "run.mcap").write_bytes(damage.joint_states(joints, 10**7 * there))
     axes, bodies = "", ""
     for name, plant in JOINTS.items():
         # Nominal values that are 25 % too large, 30 and 20 % too small.

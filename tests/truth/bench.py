@@ -273,15 +273,8 @@ def _substeps(plant: Plant) -> int:
 
 
 def _twins(axis: Mapping[str, Any], truth: Effects) -> dict[str, tuple[str, ...]]:
-    even = {
-        *ADDED,
-        "stribeck",
-        "position_dependence",
-        "presliding",
-        "drift",
-        "backlash",
-        "compliance",
-    }
+    known = "stribeck position_dependence presliding drift backlash compliance"
+    even = {*ADDED, *known.split()}
     if axis["stribeck"] is None and "bias_force" in truth and not even & set(truth):
         return {"bias_force": ("coulomb_asymmetry",)}
     return {}

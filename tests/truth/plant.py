@@ -16,21 +16,9 @@ The axis.  With g the Coulomb magnitude that opposes motion of sign s,
     q = (x - middle of travel)/(half of travel)
     S = 1 + sigma exp(-((|v| - Sigma)/vs)^2);  breakaway: S = 1 + sigma
 
-One line for each effect; the parameter names are those of the truth dict.
+Base parameters, the forces in e and the factors of g are named in `bands.FIELDS`.  The others:
 
-    inertia             m = mass
-    viscous             f = viscous
-    coulomb             Fc = coulomb
-    coulomb_asymmetry   Fc+- = Fc (1 +- a), a = asymmetry
-    bias_force          e = + force
-    stribeck            S with sigma = excess, vs = speed (believed: none)
-    quadratic_drag      e = - coefficient v|v|
-    position_dependence Fc(x) = Fc (1 + slope q + curvature q^2)
-    spring              e = - stiffness (x - centre)
-    gravity             e = - amplitude sin(x + phase), rotary axis
-    cogging             e = + amplitude sin(2 pi x/pitch + phase)
     load_dependence     g = Fc S + coefficient |w - e - f v|
-    drift               g = Fc (1 + rate t) S
     dwell_time          breakaway + rise (1 - exp(-T/time_constant)), T = time since
                         the axis came to rest; gone as soon as it slides
     presliding          F = (Fc/distance) z, z' = v, |F| <= g: elastic, then slides
@@ -45,7 +33,6 @@ One line for each effect; the parameter names are those of the truth dict.
     actuator_lag        time_constant w' = u - w
     dead_zone           w = sign(u) max(|u| - width, 0)
     saturation          w = clip(u, -limit, limit)
-    time_periodic       e = + amplitude sin(2 pi frequency t + phase)
 
 Friction sits on the load because that is where guide, seals and ways are; the
 encoder sits on the motor because that is where most axes carry it.

@@ -19,26 +19,9 @@ AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
 PEAKED = AXIS.replace(stribeck=dfc.Stribeck(0.3, 0.01), stick_speed=1e-3)
 
 
-def slow_move(seed):
-    """Moves that take many loop time constants for the error with which the axis slips."""
-    rng = np.random.default_rng(seed)
-    points = [0.0, *[(-1) ** i * 1.7192e-4 * rng.uniform(0.5, 1.0) for i in range(3)]]
-    return dfc.motion_profile(
-        points, dt=DT, velocity=2.6015e-4, acceleration=6.0124e-4, jerk=0.05388
-    )
-
-
 def largest(plant, comp, reference):
     run = dfc.simulate_loop(plant, comp.controller, reference, quantum=comp.encoder_quantum)
     return np.abs(reference.position - run.y[0]).max()
-
-
-@pytest.mark.parametrize("seed", [6, 13])
-def test_slow_moves_of_an_axis_with_less_friction_stay_in_the_tube(seed):
-    comp = dfc.design_compensation(AXIS, DT, encoder_quantum=1e-6, mismatch=0.1)
-    plant = AXIS.replace(mass=1.8, viscous=16.5, coulomb=7.2)
-    move = slow_move(seed)
-    assert largest(plant, comp, move) <= comp.certify(reference=move).tube
 
 
 @pytest.mark.parametrize(

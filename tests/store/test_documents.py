@@ -16,16 +16,12 @@ def path(tmp_path):
     return tmp_path / "thing.json"
 
 
-def test_round_trip(path):
+def test_order_and_white_space_are_free(path):
+    whole = json.loads(path.read_text())
+    path.write_text(json.dumps(dict(reversed(whole.items()))))
     data, intact = read_document(path, "thing")
     assert intact and "checksum" not in data
     assert {key: data[key] for key in DATA} == json.loads(json.dumps(DATA))
-
-
-def test_order_and_white_space_are_free(path):
-    data = json.loads(path.read_text())
-    path.write_text(json.dumps(dict(reversed(data.items()))))
-    assert read_document(path, "thing")[1]
 
 
 @pytest.mark.parametrize(

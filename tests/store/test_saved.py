@@ -1,4 +1,4 @@
-"""Fits and diagnoses, saved and read back as they were."""
+"""What is saved: read back as it was; refused when changed, damaged or something else."""
 
 import dataclasses
 import json
@@ -9,27 +9,22 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis import Experiment
+from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.diagnosis.report.findings import Gain, Unexplained
 from dryfric_control.store.saved import Saved, write_document
 
 T = 1e-3 * np.arange(3000)
 U = 20.0 * np.sin(6.0 * T) + 10.0 * np.sin(17.0 * T)
-AXIS = dfc.FrictionAxis(
-    mass=2.0, viscous=15.0, coulomb=(8.0, 7.0), stribeck=dfc.Stribeck(0.1, 0.02),
-    effects=(dfc.effects.Spring(40.0),), name="z ü", travel=(-1.0, 1.0),
-)  # fmt: skip
-RECORD = dfc.Record(
-    T, U, 1e-6 * np.round(1e6 * AXIS.simulate(U, dt=1e-3).y[0]), units={"x": "m"}, name="run",
-    channels={"v": np.cos(T)}, raw={"x": ("counts", 1e-6)},
-)  # fmt: skip
+PLAIN = dfc.FrictionAxis(
+    mass=2.0, viscous=15.0, coulomb=8.0, travel=(-1.0, 1.0), effects=dfc.effects.Spring(40.0)
+)
+AXIS = PLAIN.replace(coulomb=(8.0, 7.0), stribeck=dfc.Stribeck(0.1, 0.02), name="z ü")
+X = 1e-6 * np.round(1e6 * AXIS.simulate(U, dt=1e-3).y[0])
+MORE = dict(units={"x": "m"}, channels={"v": np.cos(T)}, raw={"x": ("counts", 1e-6)})
+RECORD = dfc.Record(T, U, X, name="run", **MORE)
+MOVE = dfc.motion_profile([0.0, 0.01], 1e-3, velocity=0.1, acceleration=2.0, jerk=80.0)
 
 
-@pytest.fixture(scope="module")
-def fit():
-    return dfc.fit(AXIS, RECORD, free=("mass", "viscous"))
-
-
-@pytest.fixture(scope="module")
 def diagnosis():
     cause = dfc.diagnosis.Cause(
         "spring", "spring", {"stiffness": 40.0}, {"stiffness": np.inf}, {"stiffness": "N/m"}, 1.0,
@@ -40,52 +35,171 @@ def diagnosis():
         separates=("gravity",), score={"gravity": 3.0}, tried={"a": 1.0}, cause="spring",
         positions={"spring": T}, drives={"spring": U}, units=("m", "N"),
     )  # fmt: skip
-    return dfc.Diagnosis(
+    found = dfc.Diagnosis(
         AXIS, RECORD, "explained", (cause,), AXIS, Gain(1e-3, 1e-6, 1e-6, (0.9, 1.1), "m"),
         Unexplained(0.0, False, ()), plan, ("one",), {"": np.inf, "spring": 0.1}, 0.25,
         np.arange(12) % 3,
     )  # fmt: skip
+    left = Remaining(0.2, 0.003, True, ("x",), (1.0, 10.0), (3e-4, 2e-4))
+    return dataclasses.replace(found, remaining=left, references={"nominal axis": 3250.0})
 
 
-def test_a_fit_comes_back_as_it_was(fit, tmp_path):
-    fit.save(tmp_path / "fit.json")
-    again = dfc.Fit.load(tmp_path / "fit.json")
-    assert again.axis == fit.axis and again.axis.name == fit.axis.name
-    assert again.parameters == fit.parameters and again.interval() == fit.interval()
-    assert again.summary() == fit.summary()
-    assert again.bootstrap(repeats=20) == fit.bootstrap(repeats=20)
-    record = again.training[0].windows.record
-    assert record == RECORD and record.raw == RECORD.raw and record.quantum == RECORD.quantum
-    assert not record.x.flags.writeable
-    assert again.replay(RECORD).rms == fit.replay(RECORD).rms
+def compensation(effects=(), **limit):
+    peaked = PLAIN.replace(stribeck=dfc.Stribeck(0.3, 0.01), stick_speed=1e-3)
+    axis = peaked.replace(effects=effects)
+    return dfc.design_compensation(axis, 1e-3, 1e-6, 1e-3, bandwidth=80.0, **limit)
 
 
-def test_a_diagnosis_comes_back_as_it_was(diagnosis, tmp_path):
-    diagnosis.save(tmp_path / "d.json")
-    again = dfc.Diagnosis.load(tmp_path / "d.json")
-    assert again.summary() == diagnosis.summary() and again.to_dict() == diagnosis.to_dict()
-    assert again.record == RECORD and again.scores == diagnosis.scores
-    np.testing.assert_array_equal(again.roles, diagnosis.roles)
-    np.testing.assert_array_equal(again.next_experiment.drives["spring"], U)
+def moved(one):
+    """Axis, tube and the simulated loop of a compensation."""
+    run = dfc.simulate_loop(one.axis, one.controller, MOVE, quantum=1e-6)
+    return [one.axis, one.certificate.tube, one.limit, run.y.tobytes()]
 
 
-def test_what_was_changed_or_is_something_else_is_refused(fit, diagnosis, tmp_path):
-    fit.save(tmp_path / "fit.json")
-    diagnosis.save(tmp_path / "d.json")
-    with pytest.raises(ValueError, match="is no diagnosis"):
-        dfc.Diagnosis.load(tmp_path / "fit.json")
-    with pytest.raises(FileNotFoundError, match="Did you mean 'fit.json'"):
-        dfc.Fit.load(tmp_path / "fti.json")
-    text = (tmp_path / "fit.json").read_text()
-    for changed in (
-        text.replace('"mass": 2.0', '"mass": 3.0'),
-        text[:-40],
-        text.replace("zero", "one"),
+EFFECTS = (
+    dfc.effects.Cogging(amplitude=2.0, period=8e-3, phase=0.5),
+    dfc.effects.InputGain(gain=0.8),
+    dfc.effects.DeadZone(width=1.0),
+    dfc.effects.PositionDependence(slope=2.0),
+)
+#: What is saved, and what of it must come back, bit for bit.
+MADE = {
+    "record": (
+        lambda: RECORD,
+        lambda one: [one, one.raw, one.units, one.quantum, one.channels["v"].tobytes()],
+    ),
+    "fit": (
+        lambda: dfc.fit(AXIS, RECORD, free=("mass", "viscous")),
+        lambda one: [
+            *(one.axis, one.axis.name, one.parameters, one.interval(), one.bootstrap(repeats=20)),
+            *(one.training[0].windows.record, one.replay(RECORD).rms),
+        ],
+    ),
+    "diagnosis": (
+        diagnosis,
+        lambda one: [
+            *(one.to_dict(), one.record, one.scores, one.remaining, one.references),
+            *(one.roles.tobytes(), one.next_experiment.drives["spring"].tobytes()),
+        ],
+    ),
+    "observer": (
+        lambda: dfc.design_pi_observer(PLAIN, dt=1e-3, encoder_quantum=1e-6),
+        lambda one: [one.axis, one.gamma, dfc.observe(one, RECORD).y.tobytes()],
+    ),
+    "compensation": (compensation, moved),
+    "compensation of effects": (lambda: compensation(EFFECTS, limit=60.0), moved),
+}
+
+
+@pytest.fixture(scope="module", params=MADE)
+def made(request, tmp_path_factory):
+    """Something, its file, and what must come back."""
+    make, shown = MADE[request.param]
+    one, path = make(), tmp_path_factory.mktemp("saved") / f"{request.param}.json"
+    one.save(path)
+    return one, path, shown
+
+
+def test_it_comes_back_as_it_was(made, tmp_path):
+    one, path, shown = made
+    again = type(one).load(path)
+    assert again.summary() == one.summary()
+    assert shown(again) == shown(one)
+    again.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
+
+
+def test_what_was_changed_or_is_something_else_is_refused(made, tmp_path):
+    one, path, _ = made
+    text, changed = path.read_text(), tmp_path / "changed.json"
+    for words, now in (
+        ("checksum does not fit", text.replace('"version": 1,', '"version": 1, "more": 0,')),
+        ("is damaged", text[:-40]),
+        ("version 3, this package reads 1: .* newer package", text.replace(": 1,", ": 3,", 1)),
+        (f"is no {type(one)._kind}", text.replace("dryfric-control", "else", 1)),
     ):
-        (tmp_path / "fit.json").write_text(changed)
-        if changed != text:
-            with pytest.raises(ValueError, match=r"fit\.json (was changed|is damaged)"):
-                dfc.Fit.load(tmp_path / "fit.json")
+        assert now != text
+        changed.write_text(now)
+        with pytest.raises(ValueError, match=words) as caught:
+            type(one).load(changed)
+        assert "changed.json" in str(caught.value)
+    with pytest.raises(FileNotFoundError, match="Did you mean 'changed.json'"):
+        type(one).load(tmp_path / "chagned.json")
+
+
+#: Steps of a graph on which no mode ever changes, as a file has them.
+LONE = [{"is": "tuple", "items": [k, k]} for k in (0, 1)]
+# Beyond what a checksum shows: each is found by what it says.
+CHANGES = {
+    "observer": [
+        (("axis", "of", "mass"), -2.0, "mass must be more than zero"),
+        # another machine, gains as before
+        (("axis", "of", "mass"), 0.02, "changed: .*, or design again$"),
+        (("dt",), 0.0, "dt must be more than zero"),
+        (("dt",), 1.0, "changed: the gain condition fails"),
+        # the same gains in the other form prove something else
+        (("form",), "prediction", "condition fails|does not decrease"),
+        (("form",), "filtered", "form must be one of"),
+        (("decay",), 1.5, "decay must lie above 0 and up to 1"),
+        (("noise",), -1e-6, "noise must be zero or more"),
+        (("encoder_quantum",), -1e-6, "encoder_quantum must be zero or more"),
+        (("gamma",), 1e-9, "changed: the gain condition fails"),
+        (("node_gains", "values", 0), "NaN", "node_gains"),
+        (("node_gains", "values"), [1.0, 2.0], "cannot reshape"),
+        (("node_gains", "dtype"), ",", "damaged"),
+        (("state_scale", "values", 0), 0.0, "state_scale must be positive"),
+        (("state_scale", "values", 0), 1e-320, "damaged: .*overflow"),
+        (("node_gains", "values", 2), 1e308, "damaged: .*overflow|changed"),
+        (("lyapunov", "values", 0), -1.0, "changed: .*not positive definite"),
+        (("uncertainty", "items", 1, 1), -1.0, "graph.labels do not fit the classes"),
+        (("performance", "items", 0), -1.0, "performance"),
+        (("integral_modes", "items"), [0, 7], "integral_modes must be one of"),
+        (("graph", "fields", "labels", "items", 0), 9, "graph.labels"),
+        (("graph", "fields", "edges", "items", 0, "items"), [0, 99], "graph does not fit"),
+        (("method",), "magic", "method must be one of"),
+        (("window",), 1.5, "window must be a whole number"),
+        # sound each, and not what was designed: another machine, another promise
+        (("axis", "of", "coulomb", "plus"), [80.0], "checksum does not fit"),
+        (("axis", "of", "stick_speed"), 3e-4, "checksum does not fit"),
+        (("noise",), 0.0, "checksum does not fit|fails"),
+        (("graph", "fields", "edges", "items"), LONE, "checksum does not fit"),
+    ],
+    "compensation": [
+        (("design", "fields", "kp"), -1.0, "kp"),
+        (("design", "fields", "kp"), 26000.0, "numbers"),
+        (("design", "fields", "law"), "magic", "law"),
+        (("design", "fields", "law"), "pid", "observer"),
+        (("design", "fields", "mismatch"), 1.5, "mismatch"),
+        (("design", "fields", "dt"), 2e-3, "dt"),
+        (("design", "fields", "lead"), 1.5, "lead"),
+        (("design", "fields", "axis"), {}, "damaged"),
+        (("tube",), 1e-6, "tube"),
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def texts(tmp_path_factory):
+    """Files of the two whose numbers are checked as they are loaded."""
+    folder = tmp_path_factory.mktemp("texts")
+    for kind in CHANGES:
+        MADE[kind][0]().save(folder / kind)
+    return {kind: (folder / kind).read_text() for kind in CHANGES}
+
+
+@pytest.mark.parametrize(("kind", "row"), [(k, row) for k, rows in CHANGES.items() for row in rows])
+def test_changed_numbers_are_refused_by_what_they_say(texts, tmp_path, kind, row):
+    (place, value, words), data = row, json.loads(texts[kind])
+    part = data["content"]["fields"]
+    for key in place[:-1]:
+        part = part[key]
+    part[place[-1]] = value
+    path = tmp_path / "changed.json"
+    path.write_text(json.dumps(data))
+    load = dfc.ObserverDesign.load if kind == "observer" else dfc.load_compensation
+    with pytest.raises(ValueError, match=words) as caught:
+        load(path)
+    assert "changed.json" in str(caught.value)
 
 
 def test_a_sealed_file_that_makes_no_sense_is_refused(tmp_path):

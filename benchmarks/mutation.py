@@ -60,7 +60,9 @@ TARGETS = {
         compiled=True,
     ),
     "inner": Target(
-        "dryfric_control/compiled/elastic.py", ("tests/model/test_structural_effects.py",), compiled=True,
+        "dryfric_control/compiled/elastic.py",
+        ("tests/model/test_structural_effects.py", "tests/model/test_against_the_bench.py"),
+        compiled=True,
     ),
     "synthesis": Target(
         "dryfric_control/observer/synthesis.py",

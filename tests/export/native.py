@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 
 import dryfric_control as dfc
+from dryfric_control.compiled import compensation, hybrid_filter, observer
 from dryfric_control.export import export_c
 from dryfric_control.export.objects import ROOM, Exported, exported
+from dryfric_control.observer.runtime import first_memory, tables
 
 E = dfc.effects
 GCC = shutil.which("gcc")
@@ -141,6 +143,23 @@ class Native:
         )  # fmt: skip
         assert done.returncode == 0, done.stderr.decode(errors="replace")
         return np.frombuffer(done.stdout, self.real).reshape(len(given), -1).T
+
+
+def by_kernel(obj, *inputs, place=0.0) -> np.ndarray:
+    """What the compiled kernel of an observer, a filter or a compensation returns."""
+    n = len(inputs[0])
+    if isinstance(obj, dfc.Compensation):
+        memory, out = obj.controller.memory(), np.empty((n, 2))
+        for k, row in enumerate(zip(*inputs, strict=True)):
+            out[k, 0] = compensation.step(obj.controller.law, memory, *row)
+            out[k, 1] = memory[compensation.FORCE]
+    elif isinstance(obj, dfc.ObserverDesign):
+        memory, out = first_memory(obj, place), np.empty((n, observer.OUTPUTS))
+        observer.run(*tables(obj), memory, *inputs, out)
+    else:
+        out = np.empty((n, hybrid_filter.OUTPUTS))
+        hybrid_filter.run(*obj.tables, np.zeros(obj.memory_size), *inputs, out)
+    return out.T
 
 
 def ulps(a, b) -> int:

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.compiled import compensation, hybrid_filter, observer
 from dryfric_control.export import export_c
-from dryfric_control.observer.runtime import first_memory, tables
 from dryfric_control.store.saved import read_document
 
 E = dfc.effects
@@ -51,64 +49,43 @@ def test_axes_with_inner_states_are_the_same(tmp_path, kind):
     same(native.Native(axis, tmp_path), (U,), axis.simulate(U, 1e-3).y)
 
 
-def observed(axis, **given):
-    """A design, and what its kernel returns."""
-    design = dfc.design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-6, **given)
-    out = np.empty((N, observer.OUTPUTS))
-    observer.run(*tables(design), first_memory(design), U, Y, out)
-    return design, out.T
+def observed(axis, form="current"):
+    return dfc.design_pi_observer(axis, dt=1e-3, encoder_quantum=1e-6, form=form)
 
 
 @needs_gcc
-@pytest.mark.parametrize("form", ["current", "prediction"])
-def test_the_switched_observer_is_the_same(tmp_path, form):
-    design, expected = observed(LATE, form=form)
-    same(native.Native(design, tmp_path), (U, Y), expected)
+@pytest.mark.parametrize(
+    "made",
+    [observed(LATE), observed(LATE, "prediction"), dfc.hybrid_filter(LATE, 1e-3, 1e-6)],
+    ids=["current", "prediction", "filter"],
+)
+def test_observers_are_the_same(tmp_path, made):
+    same(native.Native(made, tmp_path), (U, Y), native.by_kernel(made, U, Y))
 
 
-def filtered():
-    """A hybrid filter, and what its kernel returns."""
-    made = dfc.hybrid_filter(LATE, 1e-3, 1e-6)
-    out = np.empty((N, hybrid_filter.OUTPUTS))
-    hybrid_filter.run(*made.tables, np.zeros(made.memory_size), U, Y, out)
-    return made, out.T
-
-
-@needs_gcc
-def test_the_hybrid_filter_is_the_same(tmp_path):
-    made, expected = filtered()
-    same(native.Native(made, tmp_path), (U, Y), expected)
-
-
-def compensated(law):
-    """A compensation, its inputs, and what its kernel returns."""
-    comp = dfc.design_compensation(AXIS, dt=1e-3, encoder_quantum=1e-6, law=law)
-    rows = dfc.motion_profile(
-        [0.0, 0.02, -0.01, 0.02, -0.01] * 3, 1e-3, velocity=0.08, acceleration=1.0, jerk=50.0,
-        dwell=0.1,
-    ).rows[:, :N]  # fmt: skip
-    y = rows[0] + 1e-6 * np.round(np.random.default_rng(2).normal(0.0, 5.0, rows.shape[1]))
-    memory, out = comp.controller.memory(), np.empty((2, rows.shape[1]))
-    for k in range(rows.shape[1]):
-        out[0, k] = compensation.step(comp.controller.law, memory, *rows[:, k], y[k])
-        out[1, k] = memory[compensation.FORCE]
-    return comp, (*rows, y), out
+def compensated(law="learned"):
+    return dfc.design_compensation(AXIS, dt=1e-3, encoder_quantum=1e-6, law=law)
 
 
 @needs_gcc
 @pytest.mark.parametrize("law", ["learned", "disturbance observer", "adrc"])
 def test_the_compensation_is_the_same(tmp_path, law):
-    comp, inputs, expected = compensated(law)
-    same(native.Native(comp, tmp_path), inputs, expected)
+    rows = dfc.motion_profile(
+        [0.0, 0.02, -0.01, 0.02, -0.01] * 3, 1e-3, velocity=0.08, acceleration=1.0, jerk=50.0,
+        dwell=0.1,
+    ).rows[:, :N]  # fmt: skip
+    y = rows[0] + 1e-6 * np.round(np.random.default_rng(2).normal(0.0, 5.0, rows.shape[1]))
+    comp = compensated(law)
+    same(native.Native(comp, tmp_path), (*rows, y), native.by_kernel(comp, *rows, y))
 
 
 @pytest.mark.slow
 @needs_gcc
 def test_sanitizers_find_nothing(tmp_path):
     flags = ["-fsanitize=address,undefined,float-divide-by-zero", "-fno-sanitize-recover=all"]
-    made, expected = filtered()
+    made = dfc.hybrid_filter(LATE, 1e-3, 1e-6)
     out = native.Native(made, tmp_path / "filter").run_alone(U, Y, flags=flags)
-    assert native.ulps(out, expected) == 0
+    assert native.ulps(out, native.by_kernel(made, U, Y)) == 0
     axis = LATE.replace(effects=(*LATE.effects, *native._STRUCTURES[4](np.random.default_rng(0))))
     out = native.Native(axis, tmp_path / "axis").run_alone(U[:1000], flags=flags[:1])
     assert native.ulps(out[:, :-1], axis.simulate(U[:1000], 1e-3).y[:, :-1]) == 0
@@ -147,7 +124,7 @@ def calls(source):
 @needs_gcc
 def test_no_heap_no_globals_no_recursion_and_bounded_loops(tmp_path):
     axis = LATE.replace(effects=(*LATE.effects, *native._STRUCTURES[4](np.random.default_rng(0))))
-    for obj in (axis, observed(LATE)[0], compensated("learned")[0]):
+    for obj in (axis, observed(LATE), compensated()):
         source = export_c(obj, tmp_path)[1]
         text = re.sub(r"/\*.*?\*/", "", source.read_text(), flags=re.DOTALL)
         subprocess.run(
@@ -226,7 +203,7 @@ def test_names_and_folders_that_are_not_as_they_should_be(tmp_path):
 
 
 def test_header_readme_and_numbers_say_what_there_is(tmp_path):
-    header, _, numbers, readme = export_c(observed(LATE)[0], tmp_path)
+    header, _, numbers, readme = export_c(observed(LATE), tmp_path)
     text = header.read_text()
     assert "u [N]: drive force" in text and "decay" in text and "mode -1, 0 or 1" in text
     data, intact = read_document(numbers, "export")

@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.compiled import compensation, hybrid_filter, observer
-from dryfric_control.observer.runtime import first_memory, tables
 
 GCC, QEMU = "arm-none-eabi-gcc", "qemu-system-arm"
 missing = [tool for tool in (GCC, QEMU) if shutil.which(tool) is None]
@@ -147,10 +145,9 @@ def on_board(obj, folder, inputs, precision="double"):
 
 def test_the_observer_is_the_same_on_a_cortex_m4(tmp_path):
     design = dfc.design_pi_observer(AXIS, dt=1e-3, encoder_quantum=1e-6)
-    expected = np.empty((N, observer.OUTPUTS))
-    observer.run(*tables(design), first_memory(design), U, Y, expected)
     out, _ = on_board(design, tmp_path, (U, Y))
-    assert native.ulps(out, expected.T) == 0  # it calls nothing of the mathematical library
+    # It calls nothing of the mathematical library.
+    assert native.ulps(out, native.by_kernel(design, U, Y)) == 0
     out, code = on_board(design, tmp_path, (U, Y), "single")
     assert np.array_equal(out, code.run(U, Y)[0])
     mixed, _ = on_board(design, tmp_path, (U, Y), "mixed")
@@ -159,21 +156,14 @@ def test_the_observer_is_the_same_on_a_cortex_m4(tmp_path):
 
 @pytest.mark.slow
 def test_the_filter_and_the_compensation_are_the_same_but_for_the_library(tmp_path):
-    made = dfc.hybrid_filter(AXIS, 1e-3, 1e-6)
-    expected = np.empty((N, hybrid_filter.OUTPUTS))
-    hybrid_filter.run(*made.tables, np.zeros(made.memory_size), U, Y, expected)
-    out, _ = on_board(made, tmp_path / "filter", (U, Y))
-    np.testing.assert_allclose(out, expected.T, rtol=1e-9, atol=1e-9)
-    comp = dfc.design_compensation(AXIS, dt=1e-3, encoder_quantum=1e-6)
-    rows = dfc.motion_profile(
+    move = dfc.motion_profile(
         [0.0, 2e-3, 0.0], 1e-3, velocity=0.05, acceleration=1.0, jerk=50.0, dwell=0.05
     ).rows[:, :N]
-    memory, expected = comp.controller.memory(), np.empty((2, N))
-    for k in range(N):
-        expected[0, k] = compensation.step(comp.controller.law, memory, *rows[:, k], rows[0, k])
-        expected[1, k] = memory[compensation.FORCE]
-    out, _ = on_board(comp, tmp_path / "comp", (*rows, rows[0]))
-    np.testing.assert_allclose(out, expected, rtol=1e-9, atol=1e-9)
+    for make, inputs in ((dfc.hybrid_filter, (U, Y)), (dfc.design_compensation, (*move, move[0]))):
+        made = make(AXIS, 1e-3, encoder_quantum=1e-6)
+        out, _ = on_board(made, tmp_path / make.__name__, inputs)
+        expected = native.by_kernel(made, *inputs)
+        np.testing.assert_allclose(out, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_the_axis_is_the_same_but_for_the_library(tmp_path):

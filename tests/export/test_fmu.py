@@ -6,10 +6,10 @@ import shutil
 import native
 import numpy as np
 import pytest
+from each_effect import EFFECTS
 
 import dryfric_control as dfc
 from dryfric_control.export import export_fmu
-from dryfric_control.model.effects.effect import REGISTRY
 
 fmpy = pytest.importorskip("fmpy", reason="no fmpy: FMUs are neither built nor run")
 from fmpy.fmi1 import FMICallException  # noqa: E402
@@ -142,28 +142,12 @@ def test_states_are_kept_stored_and_put_back(stages, tmp_path, version):
     assert np.array_equal(run(other, U[300:600]), first)
 
 
-EFFECTS = (
-    E.Inertia(0.5), E.ViscousFriction(3.0), E.CoulombFriction(1.0), E.StribeckPeak(0.4, 3e-3),
-    E.InputDelay(2.3e-3), E.ActuatorLag(3e-3), E.InputGain(1.1), E.DeadZone(0.5), E.Saturation(25.0),
-    E.Presliding(2e-5, 300.0, 1.0), E.Backlash(1e-4, 0.4), E.LoadEncoderBacklash(1e-4, 0.4),
-    E.Compliance(1e5, 10.0, 0.4), E.EccentricEncoder(1e-4, 0.01, 0.5), E.BiasForce(1.0),
-    E.ViscousAsymmetry(2.0), E.QuadraticDrag(5.0), E.Spring(100.0, 0.01), E.Gravity(2.0, 0.5),
-    E.Cogging(0.5, 0.01, 0.5), E.TimePeriodic(0.5, 11.0, 0.5), E.CoulombAsymmetry(1.0),
-    E.PositionDependence(2.0, 30.0, 0.01), E.LoadDependence(0.1), E.LoadAsymmetry(0.1),
-    E.StribeckAsymmetry(0.3, 0.02), E.VelocityStrengthening(0.3, 0.02), E.WarmUp(0.4, 0.3),
-    E.Drift(0.2), E.DwellTime(1.0, 0.1), E.EndStop(0.0199, 0.0262, 3e3, 20.0),
-)  # fmt: skip
 #: What the code is written for, and an FMU cannot change.
 BUILT_IN = {
     "input_delay": {"delay"}, "actuator_lag": {"time_constant"}, "backlash": {"load_fraction"},
     "load_encoder_backlash": {"load_fraction"}, "compliance": {"load_fraction"},
     "presliding": {"bristles"},
 }  # fmt: skip
-
-
-def test_every_effect_is_exported_here():
-    own = {slug for slug, cls in REGISTRY.items() if cls.__module__.startswith("dryfric_control.")}
-    assert own == {effect.slug for effect in EFFECTS}
 
 
 #: Alone, as there is one of them, or as the shortest length of several is built in.

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.compiled import axis_step, hybrid_filter, observer
-from dryfric_control.observer.runtime import first_memory, tables
+from dryfric_control.compiled import axis_step
 
 pytestmark = pytest.mark.skipif(native.GCC is None, reason="no gcc: exported C is not compiled")
 
@@ -103,21 +102,9 @@ def reads(axis, place):
     return u, QUANTUM * np.round(y[0] / QUANTUM)
 
 
-def observing(axis, u, y, place):
-    design = dfc.design_pi_observer(axis, dt=DT, encoder_quantum=QUANTUM)
-    memory, out = first_memory(design), np.empty((len(u), observer.OUTPUTS))
-    memory[observer.XHAT] = place
-    observer.run(*tables(design), memory, u, y, out)
-    return design, out.T, [place, 0.0, 0.0]
-
-
-def filtering(axis, u, y, place):
-    made, out = dfc.hybrid_filter(axis, DT, QUANTUM), np.empty((len(u), hybrid_filter.OUTPUTS))
-    hybrid_filter.run(*made.tables, np.zeros(made.memory_size), u, y, out)
-    return made, out.T, []
-
-
-@pytest.mark.parametrize(("estimate", "precision"), [(observing, "single"), (filtering, "mixed")])
+@pytest.mark.parametrize(
+    ("estimate", "precision"), [(dfc.design_pi_observer, "single"), (dfc.hybrid_filter, "mixed")]
+)
 def test_estimates_are_as_good_far_from_zero(tmp_path, estimate, precision):
     axis, off = stage(*PLACED[:1]).replace(coulomb=UNEVEN, travel=(-10.0, 10.0)), []
     for place in (0.0, FAR):
@@ -125,7 +112,9 @@ def test_estimates_are_as_good_far_from_zero(tmp_path, estimate, precision):
         if precision == "single":
             # What its reading can hold there; the same near zero.
             y = np.float32(y - place + FAR).astype(float) - FAR + place
-        obj, expected, starts = estimate(axis, u, y, place)
+        obj = estimate(axis, DT, encoder_quantum=QUANTUM)
+        expected = native.by_kernel(obj, u, y, place=place)
+        starts = [place, 0.0, 0.0] if precision == "single" else []
         code = native.Native(obj, tmp_path / f"{place}", precision)
         out, _ = code.run(u, y, starts=starts)
         # Where modes are equally likely, one sample may differ by more.

@@ -67,30 +67,27 @@ LEVELS = [
     (dfc.effects.LoadDependence(0.1), lambda t, x, u: COULOMB + 0.1 * abs(u)),
     (dfc.effects.Drift(0.6), lambda t, x, u: COULOMB * (1.0 + 0.6 * t)),
 ]
-EQUATIONS = [(effect, law, COULOMB) for effect, law in FORCES]
-EQUATIONS += [(effect, nothing, level) for effect, level in LEVELS]
+EQUATIONS = [((effect,), law, COULOMB) for effect, law in FORCES]
+EQUATIONS += [((effect,), nothing, level) for effect, level in LEVELS]
+# A transmission carries the drive and the weight that it lifts or lowers.
+EQUATIONS.append(
+    (
+        (dfc.effects.BiasForce(-2.0), dfc.effects.LoadDependence(0.3)),
+        lambda t, x, v: -2.0,
+        lambda t, x, u: COULOMB + 0.3 * abs(u + 2.0),
+    )
+)
 
 
 @pytest.mark.parametrize(
-    ("effect", "law", "level"), EQUATIONS, ids=lambda p: getattr(p, "slug", "")
+    ("effects", "law", "level"), EQUATIONS, ids=lambda p: p[0].slug if isinstance(p, tuple) else ""
 )
 @pytest.mark.parametrize("s", [1.0, -1.0])
-def test_an_effect_acts_by_its_equation(effect, law, level, s):
+def test_effects_act_by_their_equations(effects, law, level, s):
     drive = 9.0 * s
-    resp = axis_with(effect).simulate(np.full(201, drive), DT, x0=0.01, v0=0.5 * s)
+    resp = axis_with(*effects).simulate(np.full(201, drive), DT, x0=0.01, v0=0.5 * s)
     x, v = slide(lambda t: drive, law, level, v0=0.5 * s)
     # The step's own tolerance is 1e-9 of the speed; 200 of them add up.
-    np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
-    np.testing.assert_allclose(resp.y[0], x, rtol=0, atol=2e-8)
-
-
-@pytest.mark.parametrize("s", [1.0, -1.0])
-def test_transmission_carries_the_drive_and_the_weight_that_it_lifts_or_lowers(s):
-    share, drive = 0.3, 9.0 * s
-    axis = axis_with(dfc.effects.BiasForce(-2.0), dfc.effects.LoadDependence(share))
-    resp = axis.simulate(np.full(201, drive), DT, x0=0.01, v0=0.5 * s)
-    level = COULOMB + share * abs(drive + 2.0)
-    x, v = slide(lambda t: drive, lambda t, x, v: -2.0, level=level, v0=0.5 * s)
     np.testing.assert_allclose(resp.y[1], v, rtol=0, atol=2e-8)
     np.testing.assert_allclose(resp.y[0], x, rtol=0, atol=2e-8)
 

@@ -16,13 +16,12 @@ from functools import cache
 import numpy as np
 import pytest
 from diagnosis_cases import among
+from each_effect import BY_SLUG as EFFECTS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dryfric_control as dfc
-from dryfric_control import effects as module
 from dryfric_control.identification import slow_ramp_experiment
-from dryfric_control.model.effects.effect import REGISTRY
 
 DT = 1.25e-3  # times 2^-7 to 2^4: 10 us to 20 ms
 
@@ -83,30 +82,6 @@ class Units:
         return replace(
             effect, **{n: getattr(effect, n) * self.of(powers(u)) for n, u in units.items()}
         )
-
-
-# Sizes that matter on an axis of 2 kg and 8 N that is sampled at DT.
-EFFECTS = {
-    e.slug: e
-    for e in (
-        dfc.effects.Inertia(1.3), dfc.effects.ViscousFriction(0.6), dfc.effects.CoulombFriction(1.2),
-        dfc.effects.StribeckPeak(0.4, 0.02), dfc.effects.BiasForce(1.5), dfc.effects.ViscousAsymmetry(3.0),
-        dfc.effects.CoulombAsymmetry(1.0), dfc.effects.QuadraticDrag(40.0), dfc.effects.Spring(30.0, 0.02),
-        dfc.effects.Gravity(3.0, 0.4), dfc.effects.Cogging(2.0, 0.011, 0.3), dfc.effects.InputDelay(2.7e-3),
-        dfc.effects.ActuatorLag(3e-3), dfc.effects.InputGain(0.8), dfc.effects.DeadZone(1.0), dfc.effects.Saturation(20.0),
-        dfc.effects.PositionDependence(0.9, -1.2, 0.03), dfc.effects.LoadDependence(0.1), dfc.effects.Drift(0.4),
-        dfc.effects.DwellTime(3.0, 0.04), dfc.effects.TimePeriodic(2.0, 17.0, 0.2), dfc.effects.Presliding(4e-5),
-        dfc.effects.Backlash(2e-4, 0.4), dfc.effects.Compliance(3e4, 12.0, 0.4),
-        dfc.effects.LoadEncoderBacklash(2e-4, 0.4), dfc.effects.EccentricEncoder(1e-4, 0.011, 0.3),
-        dfc.effects.LoadAsymmetry(0.1), dfc.effects.StribeckAsymmetry(0.3, 0.02), dfc.effects.WarmUp(0.4, 0.3),
-        dfc.effects.VelocityStrengthening(0.3, 0.02), dfc.effects.EndStop(-0.004, 0.03, 2e3, 10.0),
-    )
-}  # fmt: skip
-
-
-def test_every_effect_is_scaled_here():
-    own = {slug for slug, cls in REGISTRY.items() if cls.__module__.startswith(module.__name__)}
-    assert own == set(EFFECTS)
 
 
 @st.composite

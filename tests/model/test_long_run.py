@@ -21,16 +21,12 @@ def test_an_axis_at_rest_stays_where_it_is(hold):
     assert long_run.AXIS.simulate(np.full(100, level), long_run.DT).mode[-1] == 1
 
 
-def test_a_simulation_needs_no_memory_beyond_what_it_returns():
+def test_no_memory_is_needed_beyond_what_is_returned():
     u = 12.0 * np.sin(3e-3 * np.arange(200_000))
     found = long_run.footprint(lambda: long_run.AXIS.simulate(u, long_run.DT))
     # time, four outputs and the input; then the switches and python objects, some kilobytes
     assert found.returned == 6 * 8 * u.size
     assert found.beyond < 0.01 * found.returned
-
-
-def test_an_observer_needs_at_most_its_result_twice():
-    u = 12.0 * np.sin(3e-3 * np.arange(200_000))
     design = dfc.design_pi_observer(long_run.AXIS, long_run.DT, encoder_quantum=long_run.QUANTUM)
     y = long_run.AXIS.simulate(u, long_run.DT).y[0].copy()
     found = long_run.footprint(lambda: dfc.observe(design, u, y))

@@ -3,10 +3,10 @@
 import re
 
 import pytest
+from each_effect import BY_SLUG
 
 import dryfric_control as dfc
 from dryfric_control.estimation.parameters import Scales, choose
-from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.units import on_axis, powers
 
 LINEAR, ROTARY, MILLIMETRES = ("m", "N"), ("rad", "N m"), ("mm", "N")
@@ -18,12 +18,6 @@ def axis_in(units, effects=()):
         mass=2.0, viscous=15.0, coulomb=dfc.CoulombMap([8.0, 1.0, 2.0], [7.0]),
         stribeck=dfc.Stribeck(0.2, 0.01), travel=(-0.1, 0.1), units=units, effects=effects,
     )  # fmt: skip
-
-
-def any_of(cls):
-    """An effect with some numbers inside its bounds."""
-    bounds = {name: meta["bounds"] for name, meta in cls.parameters().items()}
-    return cls(**{name: min(max(0.5, low), high) for name, (low, high) in bounds.items()})
 
 
 @pytest.mark.parametrize(
@@ -48,10 +42,9 @@ def test_units_in_millimetres_and_metres():
         assert on_axis(unit, LINEAR) == unit
 
 
-@pytest.mark.parametrize("slug", REGISTRY)
+@pytest.mark.parametrize("slug", BY_SLUG)
 def test_every_print_of_an_effect_has_the_units_of_its_axis(slug):
-    cls = REGISTRY[slug]
-    effect = any_of(cls)
+    effect, cls = BY_SLUG[slug], type(BY_SLUG[slug])
     for units in (LINEAR, ROTARY):
         axis = axis_in(units, (effect,))
         declared, printed = cls.parameters(), cls.units(axis.units)

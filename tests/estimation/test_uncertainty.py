@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-import dryfric_control as dfc
 from dryfric_control.estimation.uncertainty import (
     degrees_of_freedom,
     expanded,
@@ -62,20 +61,3 @@ def test_interval_of_a_ratio_of_errors():
     # 400 values know their spread to some 10 %, 2000 draws a quantile to some 4 %.
     assert np.log(high / ratio) == pytest.approx(expected, rel=0.2)
     assert np.log(ratio / low) == pytest.approx(expected, rel=0.2)
-
-
-@pytest.mark.slow
-def test_standard_errors_of_a_fit_are_its_errors():
-    """Four records of white noise: errors over standard errors have an RMS near 1."""
-    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    truth = {"mass": 2.0, "viscous": 15.0, "coulomb": 8.0}
-    t = 2e-3 * np.arange(800)
-    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
-    x = axis.simulate(u, 2e-3).y[0]
-    scores = []
-    for seed in range(4):
-        noise = 2e-5 * np.random.default_rng(seed).standard_normal(t.size)
-        found = dfc.fit(axis, dfc.Record(t, u, x + noise, quantum=0.0), tuple(truth), starts=1)
-        scores += [(found.parameters[n] - truth[n]) / found.standard_errors[n] for n in truth]
-    # Twelve values: within 0.45 and 1.8 in 99 %; a covariance over n is a factor of four.
-    assert 0.45 < np.sqrt(np.mean(np.square(scores))) < 1.8

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import truth
+from diagnosis_cases import believed
 
 import dryfric_control as dfc
 from dryfric_control.estimation.likelihood import Likelihood, prepare
@@ -26,13 +27,9 @@ EMPS_LOOP = dfc.PositionController(
 
 
 def axis_of(case, **wrong):
-    a = case.actual
-    stribeck = dfc.Stribeck(**a["stribeck"]) if a["stribeck"] else None
-    axis = dfc.FrictionAxis(
-        mass=a["mass"], viscous=a["viscous"], coulomb=a["coulomb"], stribeck=stribeck,
-        stick_speed=a["stick_speed"], travel=a["travel"],
-    )  # fmt: skip
-    return axis.replace(**{k: factor * a[k] for k, factor in wrong.items()})
+    """The axis of a case as it is, but for base parameters that are off by a factor."""
+    off = {name: factor * case.actual[name] for name, factor in wrong.items()}
+    return believed(case).replace(**off)
 
 
 def record_of(case):
@@ -79,20 +76,19 @@ def test_input_recorded_half_a_sample_off(samples):
 
 
 @pytest.mark.slow
-def test_effect_is_added_and_found():
-    case = truth.make_case({"bias_force": {"force": 1.0}}, seed=5)
-    found = fit(axis_of(case), record_of(case), free=("mass", "coulomb", "bias_force"))
-    # 1e-3 N: a hundredth of what 5 um over 0.25 s could hide for one window.
-    assert found.parameters["bias_force.force"] == pytest.approx(1.0, abs=1e-2)
-    assert found.axis.effects[0].slug == "bias_force"
-
-
-@pytest.mark.slow
-def test_input_delay_is_found():
-    case = truth.make_case({"input_delay": {"delay": 3.4e-3}}, seed=2)
-    found = fit(axis_of(case), record_of(case), free=("mass", "coulomb", "input_delay"))
-    # A fiftieth of a sample.
-    assert found.parameters["input_delay.delay"] == pytest.approx(3.4e-3, abs=2e-5)
+@pytest.mark.parametrize(
+    ("slug", "name", "value", "off", "seed"),
+    [
+        # 1e-3 N: a hundredth of what 5 um over 0.25 s could hide for one window.
+        ("bias_force", "force", 1.0, 1e-2, 5),
+        ("input_delay", "delay", 3.4e-3, 2e-5, 2),  # a fiftieth of a sample
+    ],
+)
+def test_effect_is_added_and_found(slug, name, value, off, seed):
+    case = truth.make_case({slug: {name: value}}, seed)
+    found = fit(axis_of(case), record_of(case), free=("mass", "coulomb", slug))
+    assert found.parameters[f"{slug}.{name}"] == pytest.approx(value, abs=off)
+    assert found.axis.effects[0].slug == slug
 
 
 def cogged(seed, share):
@@ -121,7 +117,7 @@ def test_noise_of_the_input_is_found_and_is_no_misfit():
     assert found.reading_noise[0] < case.quantum
     # Student's t with few degrees of freedom: five is passed once in a thousand.
     assert np.max(np.abs(off(case, found))) < 5.0
-    assert "random force: 0." in found.summary()
+    assert "random torque: 0." in found.summary()
 
 
 def test_a_cogging_that_the_axis_lacks_is_said():

@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 import pytest
 import truth
+from diagnosis_cases import believed
 
 import dryfric_control as dfc
 from dryfric_control.identification import (
@@ -51,21 +52,22 @@ def level(x, s):
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3))
 
 
-@pytest.mark.parametrize("options", [{"excess": 0.0}, {}, {"omega": 25.0}, {"quantum": 2e-5}])
-def test_levels_within_two_percent(options):
-    record, _ = bench(0, **options)
-    found = identify_coulomb(record, axis=AXIS)
+@pytest.mark.parametrize(
+    ("seed", "options", "axis"),
+    [
+        # Knowing the axis: without stick-slip, with it, and with a coarse encoder.
+        *((0, o, AXIS) for o in ({"excess": 0.0}, {}, {"omega": 25.0}, {"quantum": 2e-5})),
+        # Smooth crawl: what is neglected is f v, 15 N s/m at 0.01 m/s.
+        (0, {"excess": 0.0}, None),
+        # With stick-slip, what inertia and viscous friction take is found as well.
+        *((2, o, None) for o in ({}, {"omega": 25.0}, {"quantum": 2e-5}, {"duration": 30.0})),
+    ],
+)
+def test_levels_within_two_percent(seed, options, axis):
+    record, _ = bench(seed, **options)
+    found = identify_coulomb(record, axis=axis)
     for s in (1, -1):
-        # The demand; with stick-slip, without, and with a coarse encoder.
-        assert np.max(np.abs(found(PLACES, s) / level(PLACES, s) - 1.0)) < 0.02
-
-
-def test_levels_without_knowing_the_axis():
-    # Smooth crawl: what is neglected is f v, 15 N s/m at 0.01 m/s.
-    record, _ = bench(0, excess=0.0)
-    found = identify_coulomb(record)
-    for s in (1, -1):
-        assert np.max(np.abs(found(PLACES, s) / level(PLACES, s) - 1.0)) < 0.02
+        assert np.max(np.abs(found(PLACES, s) / level(PLACES, s) - 1.0)) < 0.02  # the demand
 
 
 def test_an_experiment_within_the_peak_is_told():
@@ -78,15 +80,6 @@ def test_an_experiment_within_the_peak_is_told():
         warnings.simplefilter("error")
         slow_ramp_experiment(axis, duration=60.0, bandwidth=3.0)
         slow_ramp_experiment(axis, duration=20.0)
-
-
-@pytest.mark.parametrize("options", [{}, {"omega": 25.0}, {"quantum": 2e-5}, {"duration": 30.0}])
-def test_levels_from_the_record_alone(options):
-    # With stick-slip, what inertia and viscous friction take is found as well.
-    record, _ = bench(2, **options)
-    found = identify_coulomb(record)
-    for s in (1, -1):
-        assert np.max(np.abs(found(PLACES, s) / level(PLACES, s) - 1.0)) < 0.02  # the demand
 
 
 def test_few_slips_give_no_polynomial():
@@ -119,20 +112,17 @@ def test_intervals_cover_the_truth():
     # `benchmarks/identification.py coverage` prints the table of 200 repeats.
     names, repeats = ("mass", "viscous", "coulomb"), 16
     hits = {name: 0 for name in names}
-    scores = []
+    scores, errors = [], []
     for seed in range(repeats):
         case = truth.make_null(seed, "short")
         rng = np.random.default_rng(seed)
         noisy = case.x + 20e-6 * rng.standard_normal(case.x.size)
         a = case.actual
-        axis = dfc.FrictionAxis(
-            mass=1.1 * a["mass"], viscous=a["viscous"], coulomb=a["coulomb"], travel=a["travel"],
-            stribeck=dfc.Stribeck(**a["stribeck"]) if a["stribeck"] else None,
-            stick_speed=a["stick_speed"],
-        )  # fmt: skip
+        axis = believed(case).replace(mass=1.1 * a["mass"])
         found = fit(axis, Record(case.t, case.u, noisy, quantum=0.0), names, starts=1)
         for name, (low, high) in found.interval().items():
             hits[name] += low <= a[name] <= high
+            errors.append((found.parameters[name] - a[name]) / found.standard_errors[name])
         record, _ = bench(seed, excess=0.0, quantum=5e-6, duration=20.0)
         levels = identify_coulomb(record, degree=2, axis=AXIS)
         for s in (1, -1):
@@ -140,8 +130,9 @@ def test_intervals_cover_the_truth():
             scores.append((levels(places, s) - level(places, s)) / levels.standard_error(places, s))
     # Binomial: 16 draws at 0.9 fall below 11 once in 300.
     assert min(hits.values()) >= 11, hits
-    # Standard errors as large as the errors: 32 curves, 20 blocks each.
+    # Standard errors as large as the errors: 32 curves, 20 blocks each, and 48 parameters.
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.5
+    assert 0.6 < np.sqrt(np.mean(np.square(errors))) < 1.5
 
 
 @pytest.mark.slow

@@ -71,13 +71,6 @@ def test_a_free_decay_is_fitted_in_long_free_runs():
     assert len(fits[0].training[0].windows) == 8
 
 
-def test_a_velocity_is_enough():
-    axis = dfc.FrictionAxis(mass=1.7, viscous=11.0, coulomb=9.5)
-    fits = [dfc.fit(axis, rolling(seed)) for seed in SEEDS]
-    within(fits, {"mass": 2.0, "viscous": 15.0, "coulomb": 8.0}, 0.005)
-    assert "noise of the readings: 5" in str(fits[0]) and " mm/s RMS" in str(fits[0])
-
-
 @pytest.mark.parametrize("noise", [0.001, 0.005, 0.04])
 def test_a_velocity_at_100_hz_is_enough(noise):
     """30 s in which the slide sticks a third of the time; noise in parts of the velocity's RMS."""

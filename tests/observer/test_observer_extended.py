@@ -69,38 +69,16 @@ EVERYTHING = (
 )
 
 
-# Bounds lie between the ratio that `benchmarks/observer.py --extended` prints and 1.
-@pytest.mark.parametrize(
-    ("effect", "speed", "friction"),
-    [
-        (dfc.effects.Spring(stiffness=40.0, rest=0.05), 0.7, 0.1),
-        (dfc.effects.Cogging(amplitude=1.5, period=0.02), 0.8, 0.55),
-        (dfc.effects.Gravity(amplitude=3.0, phase=1.0), None, 0.2),
-        (dfc.effects.QuadraticDrag(drag=30.0), 0.5, 0.1),
-        (dfc.effects.ViscousAsymmetry(viscous=5.0), 0.8, 0.2),
-        (dfc.effects.PositionDependence(slope=1.5, curvature=2.0), 0.9, 0.9),
-        (dfc.effects.LoadDependence(coefficient=0.2), 0.75, 0.65),
-        (dfc.effects.InputGain(gain=0.8), 0.7, 0.1),
-        (dfc.effects.DeadZone(width=2.0), 0.85, 0.2),
-        (dfc.effects.Saturation(limit=14.0), 0.25, 0.02),
-        (dfc.effects.InputDelay(delay=6e-3), 0.5, 0.3),
-        (dfc.effects.ActuatorLag(time_constant=6e-3), 0.6, 0.3),
-        (dfc.effects.Inertia(factor=1.4), 0.5, 0.15),
-        (dfc.effects.ViscousFriction(factor=1.6), 0.7, 0.1),
-    ],
-    ids=lambda value: getattr(value, "slug", ""),
-)
-def test_knowing_an_effect_pays_in_closed_loop(effect, speed, friction):
-    plant = axis(effect)
+def test_knowing_a_lag_pays_in_closed_loop():
+    """Bounds lie between the ratio that `benchmarks/observer.py --extended` prints and 1."""
+    plant = axis(dfc.effects.ActuatorLag(time_constant=6e-3))
     before, after = (watched(plant, own).score for own in (axis(), plant))
-    assert after.friction < friction * before.friction
-    if speed is not None:
-        assert after.speed < speed * before.speed
+    assert after.friction < 0.3 * before.friction and after.speed < 0.6 * before.speed
 
 
 def test_known_forces_enter_at_the_measured_position():
     """Euler's recursion with every force written out: followed to round-off, w = 0."""
-    f, m, level = 15.0, 2.0 * 1.3, 8.0
+    f, m, level = 15.0 * 0.8, 2.0 * 1.3, 8.0 * 1.1
     own = axis(
         dfc.effects.Spring(stiffness=40.0, rest=0.05),
         dfc.effects.BiasForce(force=2.0),
@@ -112,9 +90,14 @@ def test_known_forces_enter_at_the_measured_position():
         dfc.effects.Drift(rate=0.02),
         dfc.effects.TimePeriodic(amplitude=0.5, frequency=3.0, phase=0.2),
         dfc.effects.LoadDependence(coefficient=0.1),
+        dfc.effects.Gravity(amplitude=3.0, phase=1.0),
+        dfc.effects.Saturation(limit=25.0),
+        dfc.effects.InputGain(gain=0.9),
         dfc.effects.DeadZone(width=0.5),
         dfc.effects.InputDelay(delay=3 * DT),
         dfc.effects.Inertia(factor=1.3),
+        dfc.effects.ViscousFriction(factor=0.8),
+        dfc.effects.CoulombFriction(factor=1.1),
     )
     n = 400
     t = DT * np.arange(n)
@@ -123,8 +106,9 @@ def test_known_forces_enter_at_the_measured_position():
     # The observer's line of delayed drives starts at zero, the speed high enough to slide.
     x[0], v[0] = -0.2, 0.5
     for k in range(n):
-        drive = u[k - 3] - 0.5 if k >= 3 else 0.0
+        drive = 0.9 * min(u[k - 3], 25.0) - 0.5 if k >= 3 else 0.0
         net = drive - 40.0 * (x[k] - 0.05) + 2.0 - 5.0 * v[k] ** 2 - 2.0 * v[k]
+        net -= 3.0 * math.sin(x[k] - 1.0)
         net += 1.5 * math.sin(2.0 * math.pi * x[k] / 0.02 + 0.4)
         net += 0.5 * math.sin(2.0 * math.pi * 3.0 * t[k] + 0.2)
         here = (level + 1.0) * (1.0 + 0.5 * (x[k] - 0.1)) * (1.0 + 0.02 * t[k])

@@ -296,7 +296,6 @@ rows(
     ("FrictionAxis", dict(units=("N m", "rad")), "position first", "position cannot be in 'N m'"),
     ("FrictionAxis", dict(units=("rad", "N")), '"N m"'),
     ("FrictionAxis.replace", dict(weight=1.0), "unexpected keyword", None, TypeError),
-    ("FrictionAxis.arrays", dict(dt=0.0), POSITIVE),
     ("FrictionAxis.breakaway", dict(direction=0), r"\+1 or -1"),
     ("FrictionAxis.breakaway", dict(x=["a"]), "array of numbers"),
     ("FrictionAxis.simulate", dict(u=None), r"array of numbers|shape \(n,\)"),
@@ -704,7 +703,6 @@ rows(
     ("diagnose_joints", dict(tolerance={"mass": 0.0}), POSITIVE),
     ("fit replay diagnose", dict(window=1e-3), "choose between"),
     ("fit replay diagnose diagnose_batch diagnose_joints", dict(window=60.0), "choose|windows"),
-    ("fit diagnose", dict(known=("weight",)), _BASE),
     ("fit diagnose", dict(tolerance={"mass": -1.0}), "more than zero"),
     ("fit diagnose", dict(tolerance={"weight": 0.1}), _BASE),
     ("fit diagnose", dict(known=("mass",), tolerance={"mass": 0.1}), "in one of the two"),
@@ -842,7 +840,6 @@ for _name in SOUND:
 rows(
     *(("FrictionAxis.simulate Law observe", dict(u=bad), mend) for bad, mend in SAMPLES),
     *(("observe", dict(y=bad), mend) for bad, mend in SAMPLES),
-    ("FrictionAxis Record read_record", dict(name=3), "text"),
     ("design_compensation", dict(law="magic"), "learned"),
 )
 

@@ -69,6 +69,18 @@ def record(case: Case) -> dfc.Record:
     return make(case.t, case.u, case.x)
 
 
+def driven(
+    machine: dfc.FrictionAxis, seconds: float = 3.0, noise: float = 0.0, seed: int = 0
+) -> dfc.Record:
+    """A record of an axis under two sines; `noise` is that of the recorded input."""
+    t = 1e-3 * np.arange(round(1e3 * seconds))
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])
+    if noise:
+        u = u + noise * np.random.default_rng(seed).standard_normal(t.size)
+    return dfc.Record(t, u, x)
+
+
 @contextmanager
 def among(*slugs: str) -> Iterator[None]:
     """Base parameters and these effects alone are candidates: those that a test is about.

@@ -47,6 +47,13 @@ def arm(seed: int) -> dfc.Record:
     return dfc.Record(t, u + rng.standard_normal(t.size), q, units=units, quantum=0)
 
 
+AXIS = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
+
+
+def asked(records: dfc.Record | list[dfc.Record]) -> dfc.Diagnosis:
+    return dfc.diagnose(AXIS, records, known=("mass",), hold="first", jobs=1, progress=False)
+
+
 @pytest.mark.slow
 def test_gravity_of_an_arm_that_a_tight_loop_turns() -> None:
     # A model that mutes its drive foresees as well as a straight line: a limit far below it.
@@ -60,10 +67,9 @@ def test_gravity_of_an_arm_that_a_tight_loop_turns() -> None:
 @pytest.mark.slow
 def test_level_of_each_record_is_found_where_a_bench_makes_the_motion() -> None:
     # A straight line foresees such readings better than any axis: all would be muted.
-    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
     levels = (5.4, 7.3, 8.8)
     records = [walked(f, seed=i, seconds=20.0) for i, f in enumerate(levels)]
-    d = dfc.diagnose(axis, records, known=("mass",), hold="first", jobs=1, progress=False)
+    d = asked(records)
     assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.02)
     assert d.causes == ()
     assert any("the motion is imposed" in message for message in d.messages)
@@ -101,10 +107,9 @@ class Settled(dfc.effects.Effect):
 
 @pytest.mark.slow
 def test_cogging_is_found_where_a_bench_makes_the_motion() -> None:
-    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
     with among("cogging", "time_periodic", "spring", "presliding", "backlash", "saturation"):
         dfc.effects.register_effect(Settled)
-        d = dfc.diagnose(axis, walked(7.0, 1.5), known=("mass",), hold="first", progress=False)
+        d = asked(walked(7.0, 1.5))
     assert [cause.effect for cause in d.causes] == ["cogging"]
     # What an effect remembers is not in the motion, but for the strain of a contact.
     assert "presliding" in d.scores and "settled" not in d.scores
@@ -114,24 +119,11 @@ def test_cogging_is_found_where_a_bench_makes_the_motion() -> None:
 
 
 @pytest.mark.slow
-def test_causes_are_found_beside_levels_of_each_record() -> None:
-    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
-    levels = (5.4, 7.3, 8.8)
-    records = [walked(f, 1.5, seed=i) for i, f in enumerate(levels)]
-    with among("cogging", "drift", "bias_force"):
-        d = dfc.diagnose(axis, records, known=("mass",), hold="first", progress=False)
-    assert [cause.effect for cause in d.causes] == ["cogging"]
-    assert d.causes[0].parameters["amplitude"] == pytest.approx(1.5, rel=0.02)
-    assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.02)
-
-
-@pytest.mark.slow
 def test_a_soft_contact_is_found_where_a_bench_makes_the_motion() -> None:
     # Without it the force after a turn would pass for viscous friction or a falling level.
-    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
     record = walked(7.0, soft=1.5e-3)
     with among("presliding", "stribeck_asymmetry", "warm_up", "spring", "backlash", "drift"):
-        d = dfc.diagnose(axis, record, known=("mass",), hold="first", progress=False)
+        d = asked(record)
     assert [cause.effect for cause in d.causes] == ["presliding"]
     assert d.causes[0].parameters["distance"] == pytest.approx(1.5e-3, rel=0.05)
     assert d.extended.coulomb.plus[0] == pytest.approx(7.0, rel=0.01)
@@ -141,11 +133,10 @@ def test_a_soft_contact_is_found_where_a_bench_makes_the_motion() -> None:
 @pytest.mark.slow
 def test_friction_that_builds_up_after_a_turn_is_not_taken_for_viscous() -> None:
     # A bench turns round through small velocities, and only there would viscous friction show.
-    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
     levels = (5.4, 8.8)
     records = [walked(f, seed=i, round_=1.5e-3) for i, f in enumerate(levels)]
     with among("bias_force", "presliding", "velocity_strengthening", "spring", "cogging"):
-        d = dfc.diagnose(axis, records, known=("mass",), hold="first", progress=False)
+        d = asked(records)
     assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.03)
     assert {cause.effect for cause in d.causes} <= {"presliding"}
     assert d.extended.viscous == 0.0
@@ -155,14 +146,13 @@ def test_friction_that_builds_up_after_a_turn_is_not_taken_for_viscous() -> None
 @pytest.mark.slow
 def test_a_level_that_grows_is_not_put_down_to_the_load() -> None:
     # The drive balances the friction, so that the friction follows its own load.
-    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
     records = []
     for i, level in enumerate((5.4, 8.8)):
         one = walked(level, seed=i, round_=1.5e-3)
         less = -0.15 * np.exp(-one.t / 15.0) * level * np.sign(np.gradient(one.x))
         records.append(one.replace(u=one.u + less))
     with among("warm_up", "load_dependence", "load_asymmetry", "bias_force", "spring"):
-        d = dfc.diagnose(axis, records, known=("mass",), hold="first", progress=False)
+        d = asked(records)
     assert [cause.effect for cause in d.main_causes] == ["warm_up"]
     assert "spring" in d.scores and not {"load_dependence", "load_asymmetry"} & set(d.scores)
     assert d.causes[0].parameters["rise"] == pytest.approx(-0.15, abs=0.02)
@@ -171,13 +161,12 @@ def test_a_level_that_grows_is_not_put_down_to_the_load() -> None:
 
 @pytest.mark.slow
 def test_a_spring_beside_a_force_of_each_record_has_no_rest_of_its_own() -> None:
-    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0)
     records = []
     for i, (level, force) in enumerate(((5.4, 0.5), (8.8, -1.0))):
         r = walked(level, seed=i)
         records.append(r.replace(u=r.u + force + 40.0 * r.x))
     with among("bias_force", "spring", "presliding", "cogging"):
-        d = dfc.diagnose(axis, records, known=("mass",), hold="first", progress=False)
+        d = asked(records)
     assert [cause.effect for cause in d.causes] == ["spring"]
     assert d.causes[0].parameters == {"stiffness": pytest.approx(40.0, rel=0.05)}
     forces = d.varies["bias_force.force"]

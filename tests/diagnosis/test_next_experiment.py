@@ -58,50 +58,9 @@ def worst(model, record):
     return float(np.sqrt(np.median(np.mean(left**2, axis=0))) / (record.quantum or 1.0))
 
 
-def bias_or_asymmetry():
-    machine = axis(dfc.effects.BiasForce(force=2.0))
-    return machine, axis(dfc.effects.CoulombAsymmetry(force=-2.0)), recorded(machine, jumps()), None
-
-
-def dead_zone_or_level():
-    machine = axis(dfc.effects.DeadZone(width=2.0))
-    return machine, axis(coulomb=10.0), recorded(machine, sine(0.05, 0.4)), WIDE
-
-
-def gain_or_load():
-    machine = axis(dfc.effects.InputGain(gain=0.85))
-    rival = axis(dfc.effects.LoadDependence(coefficient=0.15))
-    return machine, rival, recorded(machine, sine(0.05, 0.4)), WIDE
-
-
-def inertia_or_gain():
-    machine = axis(dfc.effects.Inertia(factor=1.25))
-    # u 0.8 = 0.8 (2.5 a + 15 v + 8 s): the same motion from the same drive.
-    rival = axis(dfc.effects.InputGain(gain=0.8), viscous=12.0, coulomb=6.4)
-    return machine, rival, recorded(machine, jumps()), None
-
-
-def spring_or_gravity():
-    travel = (-1.5, 1.5)
-    machine = axis(dfc.effects.Spring(stiffness=6.0), travel=travel)
-    rival = axis(dfc.effects.Gravity(amplitude=6.0), travel=travel)
-    return machine, rival, recorded(machine, sine(0.1, 1.0)), None
-
-
-def delay_or_lag():
-    machine = axis(dfc.effects.InputDelay(delay=3e-3))
-    rival = axis(dfc.effects.ActuatorLag(time_constant=3e-3))
-    return machine, rival, recorded(machine, sine(0.05, 0.8), 2e-6), WIDE
-
-
-def stribeck_or_dwell():
-    machine = axis(stribeck=dfc.Stribeck(excess=0.3, speed=5e-5))
-    rival = axis(dfc.effects.DwellTime(rise=2.4, time_constant=0.05))
-    way = 0.05 * eased(500, 300)
-    gains = dfc.PositionController(kp=2000.0, ki=0.0, kd=60.0, dt=DT)
-    # All rests are longer than five time constants: as good as endless.
-    record = recorded(machine, np.tile(np.concatenate((way, 0.05 - way)), 8), 5e-6, gains=gains)
-    return machine, rival, record, None
+def pair(machine, rival, reference, limits=None, **loop):
+    """A machine, its rival, a record of the machine, and limits."""
+    return machine, rival, recorded(machine, reference, **loop), limits
 
 
 def cogging_or_time():
@@ -115,13 +74,45 @@ def cogging_or_time():
     return machine, min(rivals, key=lambda one: worst(one, record)), record, None
 
 
+BIASED, UNEVEN = axis(dfc.effects.BiasForce(2.0)), axis(dfc.effects.CoulombAsymmetry(-2.0))
+WAY = 0.05 * eased(500, 300)
+FAR = (-1.5, 1.5)
 PAIRS = {
-    ("dead_zone", "coulomb"): dead_zone_or_level,
-    ("input_gain", "load_dependence"): gain_or_load,
-    ("inertia", "input_gain"): inertia_or_gain,
-    ("spring", "gravity"): spring_or_gravity,
-    ("input_delay", "actuator_lag"): delay_or_lag,
-    ("stribeck", "dwell_time"): stribeck_or_dwell,
+    ("dead_zone", "coulomb"): lambda: pair(
+        axis(dfc.effects.DeadZone(width=2.0)), axis(coulomb=10.0), sine(0.05, 0.4), WIDE
+    ),
+    ("input_gain", "load_dependence"): lambda: pair(
+        axis(dfc.effects.InputGain(0.85)),
+        axis(dfc.effects.LoadDependence(0.15)),
+        sine(0.05, 0.4),
+        WIDE,
+    ),
+    # u 0.8 = 0.8 (2.5 a + 15 v + 8 s): the same motion from the same drive.
+    ("inertia", "input_gain"): lambda: pair(
+        axis(dfc.effects.Inertia(factor=1.25)),
+        axis(dfc.effects.InputGain(gain=0.8), viscous=12.0, coulomb=6.4),
+        jumps(),
+    ),
+    ("spring", "gravity"): lambda: pair(
+        axis(dfc.effects.Spring(6.0), travel=FAR),
+        axis(dfc.effects.Gravity(6.0), travel=FAR),
+        sine(0.1, 1.0),
+    ),
+    ("input_delay", "actuator_lag"): lambda: pair(
+        axis(dfc.effects.InputDelay(3e-3)),
+        axis(dfc.effects.ActuatorLag(3e-3)),
+        sine(0.05, 0.8),
+        WIDE,
+        quantum=2e-6,
+    ),
+    # All rests are longer than five time constants: as good as endless.
+    ("stribeck", "dwell_time"): lambda: pair(
+        axis(stribeck=dfc.Stribeck(excess=0.3, speed=5e-5)),
+        axis(dfc.effects.DwellTime(rise=2.4, time_constant=0.05)),
+        np.tile(np.concatenate((WAY, 0.05 - WAY)), 8),
+        quantum=5e-6,
+        gains=dfc.PositionController(kp=2000.0, ki=0.0, kd=60.0, dt=DT),
+    ),
     ("cogging", "time_periodic"): cogging_or_time,
 }
 
@@ -182,8 +173,7 @@ def test_the_predictions_are_those_of_the_hypotheses(found):
 
 def test_equal_causes_ask_for_a_change_of_the_bench():
     """F = s Fc + b and levels Fc + s b are one law: no motion, mass or force parts them."""
-    machine, rival, record, _ = bias_or_asymmetry()
-    experiment = next_experiment(machine, [rival], record)
+    experiment = next_experiment(BIASED, [UNEVEN], recorded(BIASED, jumps()))
     assert experiment.name == "change_of_bench"
     assert experiment.cause == "bias_force"
     assert experiment.separates == ()
@@ -244,10 +234,8 @@ def test_a_gain_and_the_base_are_separated_by_what_is_added(machine, found):
 
 def test_what_a_refit_takes_away_is_no_difference():
     """A viscous coefficient that the slow record leaves open may not part equal laws."""
-    machine = axis(dfc.effects.BiasForce(force=2.0))
-    rival = axis(dfc.effects.CoulombAsymmetry(force=-2.0), viscous=15.3)
-    record = recorded(machine, sine(0.002, 0.2))
-    experiment = next_experiment(machine, [rival], record, limits=WIDE)
+    rival, record = UNEVEN.replace(viscous=15.3), recorded(BIASED, sine(0.002, 0.2))
+    experiment = next_experiment(BIASED, [rival], record, limits=WIDE)
     assert np.median(list(experiment.tried.values())) > 5.0
     assert experiment.separates == ()
     assert experiment.name == "change_of_bench"
@@ -255,9 +243,8 @@ def test_what_a_refit_takes_away_is_no_difference():
 
 def test_equal_and_different_rivals_together():
     """What can be parted is parted; what cannot is named as open, with score 0."""
-    machine, rival, record, _ = bias_or_asymmetry()
     spring = axis(dfc.effects.Spring(stiffness=40.0, rest=0.05))
-    experiment = next_experiment(machine, [rival, spring], record)
+    experiment = next_experiment(BIASED, [UNEVEN, spring], recorded(BIASED, jumps()))
     assert experiment.separates == ("spring",)
     assert experiment.score["coulomb_asymmetry"] == 0.0
     assert "Coulomb asymmetry open" in experiment.summary()
@@ -287,7 +274,7 @@ def test_limits_that_no_experiment_keeps_are_told():
 
 def test_a_hypothesis_with_which_the_loop_runs_away_is_no_error(monkeypatch):
     """Its trial cannot be simulated: too many switches in a sample."""
-    machine, rival, record, limits = delay_or_lag()
+    machine, rival, record, limits = PAIRS["input_delay", "actuator_lag"]()
 
     def runs_away(*args):
         raise TooManySwitchesError
@@ -299,7 +286,7 @@ def test_a_hypothesis_with_which_the_loop_runs_away_is_no_error(monkeypatch):
 
 
 def test_report_file_and_figure(tmp_path):
-    machine, rival, record, limits = dead_zone_or_level()
+    machine, rival, record, limits = PAIRS["dead_zone", "coulomb"]()
     experiment = next_experiment(
         machine, [rival], record, names=["dead_zone", "coulomb"], limits=limits
     )

@@ -29,6 +29,13 @@ def floor_of(record, model=AXIS, active=None, truths=4, seed=0):
     return noise_floor(bench, model, [AXIS] * truths, at, active, seed), bench
 
 
+def begun(**given):
+    """Windows of a record of the axis, all of them known, and the axis' free runs in them."""
+    bench = cut(made(**given))
+    known = np.ones(len(bench), bool)
+    return bench, known, bench.evaluate(AXIS, known)
+
+
 def test_the_integral_of_a_velocity_drifts_in_replays_too():
     run, t = AXIS.simulate(made().u, dt=DT), DT * np.arange(6000)
     v = run.y[1] + 5e-3 * np.random.default_rng(4).standard_normal(t.size)
@@ -155,9 +162,7 @@ def test_the_record_itself_is_within_its_floor_and_another_axis_is_not():
 
 @pytest.mark.parametrize("row", [0, 1])
 def test_replays_start_where_the_model_was_found_to_start(row):
-    bench = cut(made())
-    known = np.ones(len(bench), bool)
-    at = bench.evaluate(AXIS, known)
+    bench, known, at = begun()
     at.starts[row] += 30.0 * (bench.x0_error, bench.v0_error)[row]
     moved = noise_floor(bench, AXIS, [AXIS] * 4, at, known)
     assert moved.expected[bench.moving].mean() == pytest.approx(0.22, abs=0.04)
@@ -165,9 +170,7 @@ def test_replays_start_where_the_model_was_found_to_start(row):
 
 @pytest.mark.parametrize("row", [0, 1])
 def test_a_run_that_is_lost_tells_no_start(row):
-    bench = cut(made())
-    known = np.ones(len(bench), bool)
-    at = bench.evaluate(AXIS, known)
+    bench, known, at = begun()
     at.starts[row, 3] += 300.0 * (bench.x0_error, bench.v0_error)[row][3]
     floor = noise_floor(bench, AXIS, [AXIS] * 4, at, known)
     sound = noise_floor(bench, AXIS, [AXIS] * 4, bench.evaluate(AXIS, known), known)
@@ -193,9 +196,7 @@ def test_an_input_recorded_in_steps_acted_between_them():
 
 
 def test_a_drive_that_acts_in_steps_has_no_rounding():
-    bench = cut(made(steps=0.2))
-    known = np.ones(len(bench), bool)
-    at = bench.evaluate(AXIS, known)
+    bench, known, at = begun(steps=0.2)
     small, some, large, larger = (
         noise_floor(bench, AXIS, [AXIS] * 4, at, known, force=part * 0.2 / np.sqrt(12.0))
         for part in (0.01, 0.6, 0.9, 3.0)
@@ -208,9 +209,7 @@ def test_a_drive_that_acts_in_steps_has_no_rounding():
 
 
 def test_replays_that_diverge_are_left_out(monkeypatch):
-    bench, far, run = cut(made()), AXIS.replace(mass=2.5), Windows.run
-    known = np.ones(len(bench), bool)
-    at = bench.evaluate(AXIS, known)
+    (bench, known, at), far, run = begun(), AXIS.replace(mass=2.5), Windows.run
     monkeypatch.setattr(
         Windows, "run", lambda w, one, **how: run(w, one, **how) + (np.inf if one is far else 0.0)
     )

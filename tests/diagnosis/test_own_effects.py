@@ -1,6 +1,5 @@
 """A user's own effect is a candidate like any other, and judged like any other."""
 
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,38 +8,8 @@ from diagnosis_cases import among, causes
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.diagnose import diagnose
-from dryfric_control.model.effects.effect import REGISTRY
 
 DT = 1e-3
-
-
-@contextmanager
-def registered(effect):
-    """An effect that is known inside the block only."""
-    dfc.effects.register_effect(effect)
-    try:
-        yield effect
-    finally:
-        del REGISTRY[effect.slug]
-
-
-def magnet_law(t, x, v, u, level, direction, rest, p):
-    return p[0] / (0.1 + x) ** 2
-
-
-@dataclass(frozen=True)
-class Magnet(dfc.effects.Effect):
-    """A magnet at x = -0.1 m that pushes away."""
-
-    strength: float = dfc.effects.parameter("N m^2", "push times distance squared")
-
-    slug = "magnet"
-    title = "magnet at the end"
-    action = "force"
-    depends_on_speed = False
-    explanation = "A magnet repels the carriage."
-    experiment = "Crawl towards it."
-    law = staticmethod(magnet_law)
 
 
 def made_record(push):
@@ -69,19 +38,6 @@ def made_record(push):
     return dfc.Record(DT * np.arange(n), u, y)
 
 
-@pytest.mark.slow
-def test_an_effect_of_the_user_is_found_like_any_other():
-    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3))
-    measured = made_record(lambda x, v: 0.03 / (0.1 + x) ** 2)
-    with registered(Magnet):
-        found = diagnose(axis, measured, jobs=1)
-    assert causes(found) == ["magnet"], str(found)
-    # Truth is first order in its step of 50 us: a few permille of force.
-    assert found.causes[0].parameters["strength"] == pytest.approx(0.03, rel=0.01)
-    assert found.causes[0].units == {"strength": "N m^2"}
-    assert "magnet" not in REGISTRY
-
-
 def brake_law(t, x, v, u, level, direction, rest, p):
     return -2.0 * p[0] * (v / p[1]) / (1.0 + (v / p[1]) ** 2)
 
@@ -104,11 +60,13 @@ class Brake(dfc.effects.Effect):
 
 
 @pytest.mark.slow
-def test_an_effect_that_is_not_linear_in_its_parameters_is_found_from_any_start():
+def test_an_effect_of_the_user_is_found_like_any_other_from_any_start():
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     measured = made_record(lambda x, v: -6.0 * (v / 0.12) / (1.0 + (v / 0.12) ** 2))
-    with among("quadratic_drag", "viscous_asymmetry", "stribeck"), registered(Brake):
+    with among("quadratic_drag", "viscous_asymmetry", "stribeck"):
+        dfc.effects.register_effect(Brake)
         found = diagnose(axis, measured, jobs=1)
     assert causes(found) == ["brake"], str(found)
+    # Truth is first order in its step of 50 us: a few permille of force.
     assert found.causes[0].parameters["force"] == pytest.approx(3.0, rel=0.02)
     assert found.causes[0].parameters["speed"] == pytest.approx(0.12, rel=0.02)

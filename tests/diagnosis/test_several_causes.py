@@ -1,41 +1,11 @@
 """More than one cause, causes that can stand for several, and effects the axis has already."""
 
 import pytest
-from diagnosis_cases import among, believed, causes, parameter_errors, record
-from truth import make_case, make_pair
+from diagnosis_cases import among, believed, causes, record
+from truth import make_case
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.diagnose import diagnose
-
-# Effects that raise or lower all forces, some of them or one way alone.
-BESIDE_GAIN = (
-    "input_gain", "stribeck", "load_dependence", "load_asymmetry", "coulomb_asymmetry",
-    "bias_force", "quadratic_drag", "viscous_asymmetry",
-)  # fmt: skip
-
-
-@pytest.mark.slow
-def test_both_causes_of_a_pair_are_found():
-    case = make_pair(0, "short", pair=("spring", "input_delay"))
-    rivals = (
-        "gravity", "position_dependence", "cogging", "bias_force", "actuator_lag", "compliance",
-        "presliding", "input_gain",
-    )  # fmt: skip
-    with among("spring", "input_delay", *rivals):
-        found = diagnose(believed(case), record(case), jobs=1)
-    assert sorted(causes(found)) == ["input_delay", "spring"], str(found)
-    assert found.verdict == "explained"
-    assert max(parameter_errors(case, found).values()) < 0.15
-
-
-@pytest.mark.slow
-def test_a_gain_is_not_taken_for_three_wrong_base_parameters():
-    # The very same machine; one cause is plainer than three.
-    case = make_case("input_gain", 4, "short")
-    with among(*BESIDE_GAIN):
-        found = diagnose(believed(case), record(case), jobs=1)
-    assert causes(found) == ["input_gain"], str(found)
-
 
 # -- effects in the believed axis ------------------------------------------------------
 

@@ -31,6 +31,10 @@ class Foreign(dfc.effects.Effect):
     explanation = "Something of the user's own machine."
     experiment = "Look at it."
 
+    def __init_subclass__(cls):
+        super().__init_subclass__()
+        cls.title = cls.slug.replace("_", " ")
+
 
 @dataclass(frozen=True)
 class HalfBridge(Foreign):
@@ -39,7 +43,6 @@ class HalfBridge(Foreign):
     gain: float = parameter("1", "gain for u > 0", bounds=(0.0, math.inf), neutral=1.0)
 
     slug = "half_bridge"
-    title = "half bridge"
     action = "input"
     depends_on_place = False
 
@@ -55,7 +58,6 @@ class Bellows(Foreign):
     strength: float = parameter("N/m^3", "coefficient of x^3", bounds=(0.0, math.inf))
 
     slug = "bellows"
-    title = "stiffening bellows"
     action = "force"
 
     @staticmethod
@@ -70,7 +72,6 @@ class DryCrown(Foreign):
     rise: float = parameter("1", "relative rise of the level", bounds=(0.0, math.inf))
 
     slug = "dry_crown"
-    title = "dry crown"
     action = "friction"
 
     @staticmethod
@@ -85,7 +86,6 @@ class OneSidedWear(Foreign):
     lost: float = parameter("1", "part of the level", bounds=(-0.9, 0.9))
 
     slug = "one_sided_wear"
-    title = "one-sided wear"
     action = "axis"
     depends_on_place = False
 
@@ -101,7 +101,6 @@ class BusCycles(Foreign):
     late: float = parameter("s", "delay of two hops", bounds=(0.0, math.inf), kind="time")
 
     slug = "bus_cycles"
-    title = "bus cycles"
     action = "delay"
     depends_on_place = False
     remembers = True
@@ -117,7 +116,6 @@ class Hose(Foreign):
     fill: float = parameter("s", "time to fill", bounds=(0.0, math.inf), kind="time")
 
     slug = "hose"
-    title = "hose"
     action = "lag"
     depends_on_place = False
     remembers = True
@@ -133,7 +131,6 @@ class Bristles(Foreign):
     stiffness: float = parameter("N/m", "stiffness", bounds=(1.0, math.inf))
 
     slug = "bristles"
-    title = "bristles"
     action = "contact"
     depends_on_place = False
     remembers = True
@@ -154,7 +151,6 @@ class Belt(Foreign):
     pitch: float = parameter("Hz", "natural frequency", bounds=(1.0, math.inf))
 
     slug = "belt"
-    title = "belt"
     action = "transmission"
     depends_on_place = False
     remembers = True
@@ -178,7 +174,6 @@ class BentScale(Foreign):
     bend: float = parameter("1/m", "relative error of a mark per length", bounds=(-1.0, 1.0))
 
     slug = "bent_scale"
-    title = "bent scale"
     action = "reading"
 
     @staticmethod

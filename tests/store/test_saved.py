@@ -1,6 +1,7 @@
 """What is saved: read back as it was; refused when changed, damaged or something else."""
 
 import dataclasses
+import functools
 import json
 from typing import Any
 
@@ -91,17 +92,16 @@ MADE = {
 }
 
 
-@pytest.fixture(scope="module", params=MADE)
-def made(request, tmp_path_factory):
-    """Something, its file, and what must come back."""
-    make, shown = MADE[request.param]
-    one, path = make(), tmp_path_factory.mktemp("saved") / f"{request.param}.json"
+@functools.cache
+def made(kind):
+    """One of a kind, made once."""
+    return MADE[kind][0]()
+
+
+@pytest.mark.parametrize("kind", MADE)
+def test_it_comes_back_as_it_was(kind, tmp_path):
+    one, shown, path = made(kind), MADE[kind][1], tmp_path / "one.json"
     one.save(path)
-    return one, path, shown
-
-
-def test_it_comes_back_as_it_was(made, tmp_path):
-    one, path, shown = made
     again = type(one).load(path)
     assert again.summary() == one.summary()
     assert shown(again) == shown(one)
@@ -109,9 +109,11 @@ def test_it_comes_back_as_it_was(made, tmp_path):
     assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
 
 
-def test_what_was_changed_or_is_something_else_is_refused(made, tmp_path):
-    one, path, _ = made
-    text, changed = path.read_text(), tmp_path / "changed.json"
+@pytest.mark.parametrize("kind", MADE)
+def test_what_was_changed_or_is_something_else_is_refused(kind, tmp_path):
+    one, changed = made(kind), tmp_path / "changed.json"
+    one.save(changed)
+    text = changed.read_text()
     for words, now in (
         ("checksum does not fit", text.replace('"version": 1,', '"version": 1, "more": 0,')),
         ("is damaged", text[:-40]),
@@ -178,23 +180,15 @@ CHANGES = {
 }
 
 
-@pytest.fixture(scope="module")
-def texts(tmp_path_factory):
-    """Files of the two whose numbers are checked as they are loaded."""
-    folder = tmp_path_factory.mktemp("texts")
-    for kind in CHANGES:
-        MADE[kind][0]().save(folder / kind)
-    return {kind: (folder / kind).read_text() for kind in CHANGES}
-
-
 @pytest.mark.parametrize(("kind", "row"), [(k, row) for k, rows in CHANGES.items() for row in rows])
-def test_changed_numbers_are_refused_by_what_they_say(texts, tmp_path, kind, row):
-    (place, value, words), data = row, json.loads(texts[kind])
+def test_changed_numbers_are_refused_by_what_they_say(tmp_path, kind, row):
+    (place, value, words), path = row, tmp_path / "changed.json"
+    made(kind).save(path)
+    data = json.loads(path.read_text())
     part = data["content"]["fields"]
     for key in place[:-1]:
         part = part[key]
     part[place[-1]] = value
-    path = tmp_path / "changed.json"
     path.write_text(json.dumps(data))
     load = dfc.ObserverDesign.load if kind == "observer" else dfc.load_compensation
     with pytest.raises(ValueError, match=words) as caught:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.diagnosis.candidates import _SINGLE, effect_class, forms, with_effect
+from dryfric_control.diagnosis.candidates import _SINGLE, effect_class, forms, held_by, with_effect
 from dryfric_control.diagnosis.linearised import CHANGED, Linearised
 from dryfric_control.diagnosis.problem import Problem, noises_of
 from dryfric_control.diagnosis.thresholds import (
@@ -379,9 +379,8 @@ class Gram:
         """
         every_one = [(gain, [g]) for gain, g in self._single.values() if gain > -math.inf]
         sets = every_one if every else self.sets()
-        starts = self.problem.parallel(self._start, [s[0] for s in sets], [s[1] for s in sets])
-        found = [one for one in starts if one is not None]
-        return found + self._instead_of_base()
+        starts = self.problem.parallel(self._starts, [s[0] for s in sets], [s[1] for s in sets])
+        return [*itertools.chain(*starts), *self._instead_of_base()]
 
     def _instead_of_base(self) -> list[Proposal]:
         """Effects that do the same as a change of the base, which brings that nearer to nominal.
@@ -418,8 +417,9 @@ class Gram:
             found[one.name] = Proposal((one.name,), axis, start.free, level - gain, gain)
         return list(found.values())
 
-    def _start(self, predicted: float, chosen: list[int]) -> Proposal | None:
-        best: Proposal | None = None
+    def _starts(self, predicted: float, chosen: list[int]) -> list[Proposal]:
+        """The likeliest start in one pass, and that in another form, if there are any."""
+        best = dict[bool, Proposal]()
         held = next(self._axes(chosen), (None, ()))[0]
         options = [chosen]
         for k, g in enumerate(chosen):
@@ -433,21 +433,25 @@ class Gram:
             options += [[*chosen[:k], o, *chosen[k + 1 :]] for _, o in rows[:NEIGHBOURS]]
         for option in options:
             names = tuple(self.items[g].name for g in option)
+            memory = any(self.items[g].gain > -math.inf for g in option)
             starts = (
-                (one, free) for axis, free in self._axes(option) for one in forms(axis, names)
+                (one, free, k > 0)
+                for axis, free in self._axes(option)
+                for k, one in enumerate(forms(axis, names))
             )
-            for axis, free in starts:
+            for axis, free, other in starts:
+                # The numbers of the usual form are no guide to what it holds.
+                own = (*free, *(n for name in names for n in held_by(name))) if other else free
                 try:
                     likelihood = self.problem.likelihood(
-                        axis, (*self.problem.free_of(self.fit), *free)
+                        axis, (*self.problem.free_of(self.fit), *own)
                     )
                 except ValueError:
                     continue
-                memory = any(self.items[g].gain > -math.inf for g in option)
                 cost = self._cost(likelihood, memory)
-                if math.isfinite(cost) and (best is None or cost < best.cost):
-                    best = Proposal(names, axis, free, cost, predicted, held, memory)
-        return best
+                if math.isfinite(cost) and (other not in best or cost < best[other].cost):
+                    best[other] = Proposal(names, axis, own, cost, predicted, held, memory)
+        return [*best.values()]
 
     def _axes(self, chosen: Sequence[int]) -> Iterator[tuple[FrictionAxis, tuple[str, ...]]]:
         """The model with items at their coefficients, its base as it is and moved along."""

@@ -47,6 +47,8 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
 
 FloatArray = NDArray[np.float64]
+#: Causes, their free parameters, and whether they are instead of the base.
+_Start = tuple[frozenset[str], frozenset[str], bool]
 
 
 def evidence(less: Solution, more: Solution, odds: Sequence[float] = (0.0,)) -> float:
@@ -347,8 +349,7 @@ class Search:
     def _proposals(self, now: Model, every: bool = False) -> list[Proposal]:
         """Starts beside the model, and beside it with its base at nominal if that has moved."""
         names = self._addable(now)
-        best: dict[tuple[frozenset[str], bool], Proposal] = {}
-        chosen: list[tuple[frozenset[str], bool]] = []
+        best, chosen = dict[_Start, Proposal](), list[_Start]()
         self.early = 0.0
         models = [(now.fit, PROPOSALS), *((n, PROPOSALS // 2) for n in self._nominal(now.fit))]
         for fit, count in models:
@@ -700,9 +701,9 @@ class Search:
         return found
 
 
-def _start_of(one: Proposal) -> tuple[frozenset[str], bool]:
+def _start_of(one: Proposal) -> _Start:
     """What tells starts of fits apart: the causes, and whether they are instead of the base."""
-    return frozenset(one.names), one.held is None
+    return frozenset(one.names), frozenset(one.free), one.held is None
 
 
 def _own(free: Sequence[str], name: str) -> tuple[str, ...]:

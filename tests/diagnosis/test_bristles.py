@@ -1,4 +1,4 @@
-"""A contact of bristles (LuGre), made by a simulator of its own, is found with its Stribeck peak."""
+"""Contacts that yield gradually, made by simulators of their own, are found and nothing else."""
 
 import numpy as np
 import pytest
@@ -64,3 +64,37 @@ def test_they_are_found_where_a_straight_line_predicts_as_well_as_a_rigid_axis()
     record = swinging((0.03, 0.01, 0.004), (0.9, 3.1, 7.0), 5000)
     with among("presliding", "stribeck", "backlash", "load_asymmetry", "cogging", "viscous"):
         contact_and_peak(dfc.diagnose(AXIS, record, progress=False))
+
+
+@njit
+def slipping(reference, dt, steps):
+    """Readings and inputs of an axis on six Maxwell slip elements, under a position loop."""
+    h, x, v = dt / steps, 0.0, 0.0
+    share = np.array([0.3, 0.25, 0.18, 0.12, 0.09, 0.06])
+    length = 2e-5 * np.array([0.25, 0.5, 0.8, 1.2, 1.8, 2.6])
+    z, before = np.zeros(6), 0.0
+    y, u = np.empty(reference.size), np.empty(reference.size)
+    for i in range(reference.size):
+        y[i] = np.floor(x / 3e-6 + 0.5) * 3e-6
+        u[i] = 190.0 * (reference[i] - y[i]) - 8.0 * (y[i] - before) / dt
+        before = y[i]
+        for _ in range(steps):
+            new = np.minimum(np.maximum(z + h * v, -length), length)
+            stiffness = 0.15 * share / length
+            force = np.sum(stiffness * new + 0.02 * np.sqrt(0.2 * stiffness) * (new - z) / h)
+            z = new
+            v += h * (u[i] - force - 0.03 * v) / 0.2
+            x += h * v
+    return y, u
+
+
+@pytest.mark.slow
+def test_a_contact_that_yields_part_by_part_is_no_play():
+    t = 4e-3 * np.arange(2000)
+    reference = 0.2 * np.sin(0.6 * t) + 0.08 * np.sin(2.3 * t) + 0.03 * np.sin(7.0 * t)
+    y, u = slipping(reference, 4e-3, 200)
+    axis = dfc.FrictionAxis(mass=0.2, viscous=0.03, coulomb=0.15)
+    with among("presliding", "backlash", "load_encoder_backlash", "compliance", "dwell_time"):
+        found = dfc.diagnose(axis, dfc.Record(t, u, y), progress=False)
+    assert found.verdict == "explained"
+    assert [c.effect for c in found.causes] == ["presliding"]

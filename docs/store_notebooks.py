@@ -53,8 +53,10 @@ def cleaned(output: nbformat.NotebookNode) -> nbformat.NotebookNode | None:
 def store(path: Path) -> None:
     """Run one notebook and write it back."""
     notebook = nbformat.read(path, as_version=4)
-    client = NotebookClient(notebook, timeout=1500, resources={"metadata": {"path": str(FOLDER)}})
+    client = NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(FOLDER)}})
+    before = os.times().children_user
     client.execute()
+    seconds = os.times().children_user - before
     for cell in notebook.cells:
         cell.metadata.pop("execution", None)
         if cell.cell_type == "code":
@@ -62,7 +64,8 @@ def store(path: Path) -> None:
     notebook.metadata.pop("widgets", None)
     notebook.metadata["language_info"] = {"name": "python"}
     nbformat.write(notebook, path)
-    print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB", flush=True)
+    size = path.stat().st_size / 1000
+    print(f"{path.name}: {seconds:.0f} s of a core, {size:.0f} kB", flush=True)
 
 
 def main() -> None:

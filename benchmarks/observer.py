@@ -49,13 +49,13 @@ def heading(text: str) -> None:
 
 
 def best_of(work: Callable[[], object], repeat: int = 7) -> float:
-    """Shortest time of some calls after a first one [s]."""
+    """Shortest processor time of some calls after a first one [s]."""
     work()
     times = []
     for _ in range(repeat):
-        begin = time.perf_counter()
+        begin = time.process_time()
         work()
-        times.append(time.perf_counter() - begin)
+        times.append(time.process_time() - begin)
     return min(times)
 
 

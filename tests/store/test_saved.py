@@ -126,7 +126,7 @@ def test_what_was_changed_or_is_something_else_is_refused(kind, tmp_path):
             type(one).load(changed)
         assert "changed.json" in str(caught.value)
     with pytest.raises(FileNotFoundError, match="Did you mean 'changed.json'"):
-        type(one).load(tmp_path / "chagned.json")
+        type(one).load(tmp_path / "changed2.json")
 
 
 #: Steps of a graph on which no mode ever changes, as a file has them.

@@ -327,7 +327,7 @@ class Compensation(Saved, Result):
     @property
     def tuning(self) -> tuned.Tuning:
         """Numbers of the sliding loop, by law and axis."""
-        return tuned.tuning_of(self.law, self.axis)
+        return tuned.tuning_of(self.law)
 
 
 def design_compensation(
@@ -425,7 +425,7 @@ def design_compensation(
     if bandwidth is not None:
         bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
     check_pace(axis, dt)
-    acting, tuning = tuned.rigid(axis), tuned.tuning_of(law, axis)
+    acting, tuning = tuned.rigid(axis), tuned.tuning_of(law)
     numbers = acting.arrays(dt).numbers
     whole_delay = delay + float(numbers[kernel.axis_step.DELAY] + numbers[kernel.axis_step.LAG])
     level = tuned.largest_level(acting)

@@ -36,9 +36,8 @@ class Tuning(NamedTuple):
     late: float  # part of the largest delay by which the observer expects the feedforward late
 
 
-#: With the switched observer; with presliding, of which it knows nothing; without.
-_RIGID = Tuning(0.6, 3.5, 0.45, 0.07, 0.5)
-_ELASTIC = Tuning(0.45, 3.3, 0.45, 0.03, 0.0)
+#: With the switched observer, and without.
+_SWITCHED = Tuning(0.6, 3.5, 0.45, 0.07, 0.5)
 _BASELINE = Tuning(0.45, 1.86, 0.0, 0.0, 0.0)
 #: Share of the estimate that a baseline's disturbance observer feeds back.
 ESTIMATE = 0.98
@@ -116,12 +115,11 @@ def extended_gains(axis: FrictionAxis, dt: float, bandwidth: float) -> Floats:
     return np.asarray(ct.acker(A.T, A[:1].T, [pole] * 3), dtype=float).ravel()
 
 
-def tuning_of(law: str, axis: FrictionAxis) -> Tuning:
-    """Numbers of the sliding loop, by law and axis."""
+def tuning_of(law: str) -> Tuning:
+    """Numbers of the sliding loop, by law."""
     if law not in ("learned", "fixed"):
         return _BASELINE
-    tuning = _ELASTIC if presliding_distance(axis) > 0.0 else _RIGID
-    return tuning if law == "learned" else tuning._replace(residual=0.0)
+    return _SWITCHED if law == "learned" else _SWITCHED._replace(residual=0.0)
 
 
 def watched(source: ObserverDesign | FrictionAxis, quantum: float, dt: float) -> tuple[Any, ...]:

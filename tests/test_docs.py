@@ -174,7 +174,9 @@ def test_files_that_a_benchmark_names_exist():
         )
     }
     assert len(named) > 20
-    assert not [(script, path) for script, path in named if not (ROOT / path).is_file()]
+    # The suite runs away from the sources of the package, too.
+    own = Path(dfc.__file__).parents[1]
+    assert not [row for row in named if not any((at / row[1]).is_file() for at in (ROOT, own))]
 
 
 #: Every page that is read as it is, on a code host too.

@@ -87,7 +87,7 @@ class Block(ct.NonlinearIOSystem):
         """Linear system at a point, with the names of this block's signals."""
         return super().linearize(*point, copy_names=copy_names, **kwargs)
 
-    def _update_params(self, params: Any) -> None:
+    def _update_params(self, params: Any, **options: Any) -> None:
         # A system hands the parameters of all its parts to each of them.
         whole: ct.NonlinearIOSystem = self
         caller: Any = sys._getframe(1)
@@ -98,7 +98,7 @@ class Block(ct.NonlinearIOSystem):
                 f"params = {params!r} changes nothing: {self.name!r} keeps the numbers it was made "
                 "with; change them there, as in axis.replace(mass=...), and make the block anew"
             )
-        super()._update_params(params)
+        super()._update_params(params, **options)
 
 
 def _takes_parameters(system: Any) -> bool:

@@ -25,8 +25,7 @@ from dryfric_control.units import check_units
 
 # Where the search starts: excess, width of the peak over the high velocities (this quantile),
 # and stick velocity over that width.
-_EXCESS, _LARGEST = 0.2, 3.0
-_SPEEDS, _FAST, _STICK = (0.3, 0.03, 0.003), 0.98, (1.0, 0.01)
+_EXCESS, _SPEEDS, _FAST, _STICK = 0.2, (0.3, 0.03, 0.003), 0.98, (1.0, 0.01)
 # Fewest stick phases.  Shorter halts do not differ from a reading that lags; a move shorter than
 # this part of the long slips is part of one stick phase: noise, or the creep at its beginning.
 _FEWEST, _SHORTEST, _SLIP = 5, 10, 0.1
@@ -225,7 +224,7 @@ def identify_stribeck(
             f"record holds {sticks.end.size} stick phases that end in motion, at least {_FEWEST} "
             "are needed: crawl slower, or with a softer loop"
         )
-    axis, guesses = _guesses(axis, record, free, sticks)
+    axis, guesses = _guesses(axis, record, free)
     problem = problem_of(axis, [record], free)
     points = [
         np.array([p.search(v) for p, v in zip(problem.parameters, values, strict=True)])
@@ -265,22 +264,17 @@ def _branches(
 
 
 def _guesses(
-    axis: FrictionAxis, record: Record, free: Sequence[str], sticks: Sticks
+    axis: FrictionAxis, record: Record, free: Sequence[str]
 ) -> tuple[FrictionAxis, list[FrictionAxis]]:
     """The axis with a peak, in the middle of what is searched, and axes to start from."""
     fast = float(np.quantile(np.abs(record.derivatives().v), _FAST))
     peak = axis.stribeck or Stribeck(_EXCESS, _SPEEDS[1] * fast)
     names = [p.name for p in choose(axis.replace(stribeck=peak), free, typical([record]))[1]]
     found = [] if axis.stribeck is None else [axis]
-    # Each breakaway shows it, beyond a level that the peak has not raised.
-    x, held = record.x[sticks.end], record.u[sticks.end] * sticks.direction
-    levels = np.where(sticks.direction > 0, axis.coulomb(x, 1), axis.coulomb(x, -1))
-    excess = float(np.median(held / np.maximum(levels, 1e-300))) - 1.0
-    excess = min(max(excess, _EXCESS), _LARGEST)
     for ratio in _STICK if "stick_speed" in names else _STICK[:1]:
         for part in _SPEEDS if "stribeck.speed" in names else _SPEEDS[:1]:
             one = Stribeck(
-                excess if "stribeck.excess" in names else peak.excess,
+                _EXCESS if "stribeck.excess" in names else peak.excess,
                 part * fast if "stribeck.speed" in names else peak.speed,
             )
             stick = ratio * one.speed if "stick_speed" in names else axis.stick_speed

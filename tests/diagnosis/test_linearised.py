@@ -155,7 +155,9 @@ def test_a_level_acts_through_the_peak(slug):
     np.testing.assert_allclose(force[slides], exact[slides], atol=1e-3 * np.abs(exact).max())
 
 
-def test_two_causes_give_way_to_one_that_acts_as_both():
+def test_two_causes_give_way_to_one_that_acts_as_both(monkeypatch):
+    # No cause is exchanged by itself.
+    monkeypatch.setattr("dryfric_control.diagnosis.search.EXCHANGED", 0)
     peak = dfc.Stribeck(0.5, 0.3)
     record = driven(AXIS.replace(stribeck=peak, effects=(dfc.effects.BiasForce(1.0),)))
     # A peak of both levels, each raised by as much as the asymmetry of the peak takes away.

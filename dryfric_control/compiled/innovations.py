@@ -576,6 +576,66 @@ def _across(m, on_load, x, v, moved, turned):
     return x, v
 
 
+@step.internal
+def _not_as_predicted(
+    plant, m, t, dt, end, y, k, stood, alike, gives, fast, reading, spot, kept, strained, x, v, e,
+    p, g, d,
+):  # fmt: skip
+    """State and covariance where several readings in a row contradict the prediction.
+
+    `stood`: number of samples without motion.  Returns the variance of the reading, whether the
+    axis is kept at rest, whether a contact sticks, the state, the innovation, and the covariance.
+    """
+    if plant.integers[step.STRUCTURE] != 0:
+        # The inner states were wrong: set them from the readings.
+        off = _settle(plant, t + dt, dt, m, end, y, k, alike)
+        x = m[step.X] + y[k] - step.reading(plant, t + dt, m)
+        v = m[step.V]
+        m[step.MODE] = 0.0
+        if v == 0.0:
+            m[step.REST] = _stayed(y, k, gives) * dt
+        if fast:
+            return reading, kept, False, x, v, 0.0, off * off, 0.0, spot
+        return 0.0, kept, False, x, v, 0.0, spot, 0.0, off * off
+    if stood > 2 * _IN_A_ROW:
+        # The axis has not moved although the drive should have moved it.  This is a single piece
+        # of evidence: keep it at rest, and do not count it again with every reading until it moves.
+        m[step.MODE], m[step.REST] = 0.0, stood * dt
+        if fast:
+            return 0.0, True, strained, x, 0.0, 0.0, reading, 0.0, d
+        return 0.0, True, strained, x, 0.0, e, reading, 0.0, reading / (stood * dt) ** 2
+    # The axis has moved differently: follow the readings.
+    p = e * e
+    if fast:
+        return reading, kept, strained, x, v, e, p, 0.0, d
+    g = 1.0 / (_IN_A_ROW * dt)
+    return reading, kept, strained, x, v, e, p, g, p * g * g
+
+
+@step.internal
+def _fastest(y, least):
+    """Largest step from one reading to the next, at least `least`."""
+    for k in range(1, y.shape[0]):
+        least = max(least, abs(y[k] - y[k - 1]))
+    return least
+
+
+@step.internal(forceinline=True)
+def _held(plant, x, z):
+    """Deflection of bristles up to what they hold: they would let go of it only along a way."""
+    s = math.copysign(1.0, z)
+    return s * min(s * z, _longest(plant, x, s))
+
+
+@step.internal(forceinline=True)
+def _tells_of_load(m, cov, at, strained, part):
+    """Correct the load of a spring by a reading of its motor."""
+    m[step.OFFSET] += (cov[2, at] - cov[0, at]) * part
+    m[step.SLIP] += (cov[3, at] - cov[1, at]) * part
+    if strained and m[step.MODE] == 0.0:
+        m[step.DEFLECTION] += (cov[2, at] - cov[4, at]) * part
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
 def innovations(
     numbers, integers, size, u, y, w, good, t0, rested, dt, first, force, reading, cell, span,
@@ -666,10 +726,7 @@ def _innovations(
     fast = w.shape[0] > 0
     at, scale = (1, FIRST * dt) if fast else (0, 1.0)
     spot = scale * scale * reading
-    farthest = _FASTER * scale * cell
-    for k in range(1, y.shape[0]):
-        farthest = max(farthest, abs(y[k] - y[k - 1]))
-    farthest *= _FASTER
+    farthest = _FASTER * _fastest(y, _FASTER * scale * cell)
     begin = min(FIRST, n - 1)
     v0 = (y[begin] - y[0]) / (begin * dt)
     still, alike = 0, scale * max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
@@ -798,47 +855,21 @@ def _innovations(
                 side = 1.0 if e > 0.0 else -1.0
             else:
                 row = 0
-            if row == _IN_A_ROW and structure == 0 and k - still > 2 * _IN_A_ROW:
-                # The axis has not moved although the drive should have moved it.  This is a
-                # single piece of evidence: keep it at rest, and do not count it again with
-                # every reading until it moves.
-                row, noise, kept = 0, 0.0, True
-                v, p, g = 0.0, reading, 0.0
-                if fast:
-                    e = 0.0
-                else:
-                    d = reading / ((k - still) * dt) ** 2
-                memory[step.MODE], memory[step.REST] = 0.0, (k - still) * dt
-            elif row == _IN_A_ROW and structure != 0:
-                # The inner states were wrong: set them from the readings.
-                row, noise, strained = 0, reading if fast else 0.0, False
-                off = _settle(plant, t + dt, dt, m, end, y, k, alike)
-                x = memory[step.X] + y[k] - step.reading(plant, t + dt, m)
-                v, e = memory[step.V], 0.0
-                p, g, d = (off * off, 0.0, spot) if fast else (spot, 0.0, off * off)
-                memory[step.MODE] = 0.0
-                if v == 0.0:
-                    memory[step.REST] = _stayed(y, k, gives) * dt
-                two_masses.joined(cov, spot, off * off, strain, 1.0)
-            elif row == _IN_A_ROW:
-                # The axis has moved differently: follow the readings.
+            if row == _IN_A_ROW:
                 row = 0
-                p, g = e * e, 0.0 if fast else 1.0 / (_IN_A_ROW * dt)
-                d = d if fast else p * g * g
+                noise, kept, strained, x, v, e, p, g, d = _not_as_predicted(
+                    plant, m, t, dt, end, y, k, k - still, alike, gives, fast, reading, spot,
+                    kept, strained, x, v, e, p, g, d,
+                )  # fmt: skip
+                if structure != 0:
+                    two_masses.joined(cov, spot, d if not fast else p, strain, 1.0)
             elif ratio > DOUBTED:
                 noise = reading * ratio / DOUBTED
             if spring:
                 # A reading of the motor tells of the load, too.
-                part = e / (p + noise)
-                memory[step.OFFSET] += (cov[2, at] - cov[0, at]) * part
-                memory[step.SLIP] += (cov[3, at] - cov[1, at]) * part
-                if strained and memory[step.MODE] == 0.0:
-                    memory[step.DEFLECTION] += (cov[2, at] - cov[4, at]) * part
+                _tells_of_load(m, cov, at, strained, e / (p + noise))
                 g = cov[1, 0] / p
-                if fast:
-                    two_masses.correct(cov, 1, p + noise, work)
-                else:
-                    two_masses.correct(cov, 0, p + noise, work)
+                two_masses.correct(cov, at, p + noise, work)
             gain, to_anchor = p / (p + noise), 0.0
             if strained and not spring:
                 to_anchor = counts * c0 / (p + noise)
@@ -857,13 +888,8 @@ def _innovations(
             memory[step.X], memory[step.V] = x, v
             if contact and not spring and memory[step.MODE] == 0.0:
                 z = memory[step.DEFLECTION] + by_x * e - to_anchor * outside
-                if bristles:
-                    # They hold no more, and would let go of it only along a way.
-                    s = math.copysign(1.0, z)
-                    z = s * min(s * z, _longest(plant, x, s))
-                memory[step.DEFLECTION] = z
+                memory[step.DEFLECTION] = _held(plant, x, z) if bristles else z
         if not (abs(x - y[0]) < _LOST * span and abs(v) * dt < farthest):
-            for i in range(k, n):
-                out[0, i], out[1, i] = np.inf, 1.0
+            out[0, k:n], out[1, k:n] = np.inf, 1.0
             return
         state[0, k], state[1, k], state[2, k], state[3, k] = x, v, memory[step.MODE], v - v_free

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from dryfric_control._version import __version__
@@ -203,7 +204,9 @@ def diagnose(
             hold=hold, jobs=jobs,
             until=begun + (1.0 - ANSWER) * limit, windows=tuple(windows),
         )  # fmt: skip
-        return _diagnosed(problem, records, windows, window, tell, begun + limit)
+        # Candidates are fitted in parallel: threads of the linear algebra would only wait.
+        with threadpool_limits(1, user_api="blas"):
+            return _diagnosed(problem, records, windows, window, tell, begun + limit)
 
 
 def _diagnosed(

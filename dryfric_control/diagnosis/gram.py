@@ -6,9 +6,9 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,6 +139,11 @@ class Gram:
         self.g[np.diag_indices(self.fixed)] += ridge / np.maximum(
             self.scale[: self.fixed] ** 2, 1e-300
         )
+        # Bounds of the coefficients: the first column of an item is its amount.
+        self.least, self.most = np.full(at, -np.inf), np.full(at, np.inf)
+        for one in self.items:
+            self.least[one.at[0]] = 0.0 if one.column.positive else -np.inf
+            self.most[one.at[0]] = one.column.most
         self.total, self.count = float(here.y @ here.y), int(here.ok.sum())
         for name in self.names:
             some = [i.column for i in self.items if i.name == name]
@@ -236,53 +241,69 @@ class Gram:
             costs.append(profiled(likelihood, likelihood.tried(z)) + likelihood.prior(z))
         return min(costs)
 
-    def solved(self, chosen: Sequence[int], moved: bool = True) -> tuple[float, NDArray[Any]]:
-        """Predicted gain of log-likelihood of some items beside the model, and coefficients.
+    def _solved(
+        self, sets: Sequence[Sequence[int]], moved: bool, signed: bool = True
+    ) -> tuple[FloatArray, FloatArray]:
+        """Predicted gains of log-likelihood of sets of items with equally many columns.
 
-        `moved`: whether the base parameters may change along.
+        And their coefficients, those of the free parameters first.  `moved`: whether the base
+        parameters may change along; `signed`: whether amounts keep the sign they must have.
         """
-        own: list[int] = [] if moved else [0] * len(self.base)
-        fixed = range(len(own), self.fixed)
-        index = [*fixed, *(j for g in chosen for j in self.items[g].at)]
-        if not index:
-            return 0.0, np.zeros(len(own))
-        m = self.g[np.ix_(index, index)]
-        m[np.diag_indices(len(index))] += _RIDGE
-        c = np.linalg.solve(m, self.b[index])
-        quad, c = 0.5 * float(self.b[index] @ c), np.concatenate((own, c / self.scale[index]))
-        at = self.fixed
-        for g in chosen:
-            one = self.items[g].column
-            if (one.positive and c[at] <= 0.0) or abs(c[at]) > one.most:
-                return -math.inf, c
-            at += len(self.items[g].at)
-        left = max(1.0 - 2.0 * quad / max(self.total, 1e-300), 1e-12)
-        return -0.5 * self.count * math.log(left) - self._assumed(c), c
+        held = 0 if moved else len(self.base)
+        index = np.array([
+            [*range(held, self.fixed), *(j for g in chosen for j in self.items[g].at)]
+            for chosen in sets
+        ], int)  # fmt: skip
+        m = self.g[index[:, :, None], index[:, None, :]]
+        m += _RIDGE * np.eye(index.shape[1])
+        b = self.b[index]
+        c = np.linalg.solve(m, b[:, :, None])[:, :, 0]
+        explained = (b * c).sum(axis=1) / max(self.total, 1e-300)
+        c /= self.scale[index]
+        none = np.abs(c) > self.most[index]
+        if signed:
+            none |= c <= self.least[index]
+        c = np.concatenate((np.zeros((len(sets), held)), c), axis=1)
+        gain = -0.5 * self.count * np.log(np.maximum(1.0 - explained, 1e-12)) - self._assumed(c)
+        return np.where(none.any(axis=1), -np.inf, gain), c
 
-    def gain(self, chosen: Sequence[int]) -> float:
-        """Predicted gain of some items, the base as it is or moved along."""
-        return max(self.solved(chosen, moved)[0] for moved in (True, False))
+    def gains(self, sets: Sequence[Sequence[int]]) -> list[float]:
+        """Predicted gains of some sets of items, the base as it is or moved along."""
+        found = [0.0] * len(sets)
+        widths = [sum(len(self.items[g].at) for g in chosen) for chosen in sets]
+        for width in set(widths):
+            some = [k for k, w in enumerate(widths) if w == width]
+            both = [self._solved([sets[k] for k in some], moved)[0] for moved in (True, False)]
+            for k, gain in zip(some, np.maximum(*both).tolist(), strict=True):
+                found[k] = gain
+        return found
 
-    def _assumed(self, c: NDArray[Any]) -> float:
+    def _assumed(self, c: FloatArray) -> FloatArray:
         """Cost of the changes of base parameters as assumptions, which is not quadratic."""
-        there = self._now * (1.0 + c[: len(self.base)])
-        rows = zip(self.base, there, strict=True)
-        return sum(
-            wondered(float(v) / self.problem.nominal[n]) for n, v in rows
-            if self.problem.nominal[n] != 0.0 and n not in self.problem.tolerance
-        )  # fmt: skip
+        nominal = np.array([self.problem.nominal[n] for n in self.base])
+        counts = [
+            k for k, n in enumerate(self.base)
+            if nominal[k] != 0.0 and n not in self.problem.tolerance
+        ]  # fmt: skip
+        there = self._now[counts] * (1.0 + c[..., counts]) / nominal[counts]
+        return np.asarray(wondered(there).sum(axis=-1))
 
     def early(self) -> float:
         """Predicted gain of a drive that acts before its time stamps, 0 if by chance."""
-        before, gains = self.gain([]), [0.0]
-        for g, one in enumerate(self.items):
-            if effect_class(one.name).action == "delay" and one.column.force:
-                earlier = replace(one, column=one.column._replace(positive=False))
-                self.items[g] = earlier
-                gain, c = self.solved([g])
-                self.items[g] = one
-                gains.append(gain - before if c[self.fixed] < 0.0 else -math.inf)
-        return max(gains) if max(gains) > CHANCE else 0.0
+        late = [
+            [g] for g, one in enumerate(self.items)
+            if effect_class(one.name).action == "delay" and one.column.force
+        ]  # fmt: skip
+        if not late:
+            return 0.0
+        gains, c = self._solved(late, True, signed=False)
+        most = float(np.where(c[:, self.fixed] < 0.0, gains - self.alone, -np.inf).max())
+        return most if most > CHANCE else 0.0
+
+    @cached_property
+    def alone(self) -> float:
+        """Predicted gain of the free parameters by themselves."""
+        return self.gains([[]])[0]
 
     def _best(self, chosen: Sequence[int]) -> tuple[float, int]:
         """The item with the largest gain beside chosen ones."""
@@ -292,14 +313,16 @@ class Gram:
             g for g, one in enumerate(self.items)
             if one.name not in names and effect_class(one.name).action not in actions
         ]  # fmt: skip
-        return max(((self.gain([*chosen, g]), g) for g in some), default=(-math.inf, -1))
+        gains = self.gains([[*chosen, g] for g in some])
+        return max(zip(gains, some, strict=True), default=(-math.inf, -1))
 
     @cached_property
     def _single(self) -> dict[str, tuple[float, int]]:
         """Best shape of each effect alone, with its predicted gain."""
-        before, found = self.gain([]), dict[str, tuple[float, int]]()
-        for g, one in enumerate(self.items):
-            gain = max(self.gain([g]) - before, one.gain)
+        found = dict[str, tuple[float, int]]()
+        gains = self.gains([[g] for g in range(len(self.items))])
+        for g, (one, gain) in enumerate(zip(self.items, gains, strict=True)):
+            gain = max(gain - self.alone, one.gain)
             found[one.name] = max(found.get(one.name, (-math.inf, g)), (gain, g))
         return found
 
@@ -310,11 +333,10 @@ class Gram:
 
     def sets(self) -> list[tuple[float, list[int]]]:
         """Items worth a fit, with their predicted gains: singles, and sets by selection."""
-        before = self.gain([])
         rows = sorted(self._single.values(), reverse=True)
         found = [(gain, [g]) for gain, g in rows if gain > self._chance(g)][:PROPOSALS]
         chosen: list[int] = []
-        now = before
+        now = self.alone
         while len(chosen) < JOINT:
             gain, g = self._best(chosen)
             if g < 0 or gain < now + self._chance(g):
@@ -325,7 +347,7 @@ class Gram:
                 if gain > now + COINCIDE:
                     chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
             if len(chosen) > 1:
-                found.append((now - before, list(chosen)))
+                found.append((now - self.alone, list(chosen)))
         return found
 
     def _chance(self, g: int) -> float:
@@ -403,9 +425,9 @@ class Gram:
             rates = same / self.scale[:count] * self.scale[j]
             most = min(one.column.most, 1.0 / max(float(np.abs(rates).max()), 1e-300))
             amounts = np.linspace(0.0 if one.column.positive else -most, most, 201)
-            costs = [self._assumed(-c * rates) for c in amounts]
+            costs = self._assumed(-amounts[:, None] * rates)
             best = int(np.argmin(costs))
-            gain = self._assumed(np.zeros(count)) - costs[best]
+            gain = float(self._assumed(np.zeros(count)) - costs[best])
             if gain < CHANCE or gain <= getattr(found.get(one.name), "predicted", 0.0):
                 continue
             c = float(amounts[best])
@@ -424,11 +446,11 @@ class Gram:
         options = [chosen]
         for k, g in enumerate(chosen):
             # Other shapes of one effect at a time.
-            others = [o for o, one in enumerate(self.items) if one.name == self.items[g].name]
-            rows = [
-                (max(self.gain([*chosen[:k], o, *chosen[k + 1 :]]), self.items[o].gain), o)
-                for o in others if o != g
-            ]  # fmt: skip
+            others = [
+                o for o, one in enumerate(self.items) if one.name == self.items[g].name and o != g
+            ]
+            gains = self.gains([[*chosen[:k], o, *chosen[k + 1 :]] for o in others])
+            rows = [(max(n, self.items[o].gain), o) for n, o in zip(gains, others, strict=True)]
             rows = sorted((r for r in rows if r[0] > -math.inf), reverse=True)
             options += [[*chosen[:k], o, *chosen[k + 1 :]] for _, o in rows[:NEIGHBOURS]]
         for option in options:
@@ -456,7 +478,7 @@ class Gram:
     def _axes(self, chosen: Sequence[int]) -> Iterator[tuple[FrictionAxis, tuple[str, ...]]]:
         """The model with items at their coefficients, its base as it is and moved along."""
         for moved in (False, True) if self.base else (False,):
-            c, at = self.solved(chosen, moved)[1], self.fixed
+            c, at = self._solved([chosen], moved)[1][0], self.fixed
             axis, free = self.fit.axis, list[str]()
             for g in chosen:
                 one = self.items[g]

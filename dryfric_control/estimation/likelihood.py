@@ -565,6 +565,6 @@ class Likelihood:
         self.steps[:n] = np.clip(wider * _STEP_ERRORS * known, *_STEPS)
 
 
-def wondered(ratio: float) -> float:
-    """Cost of a base parameter, over its nominal value, as an assumption."""
-    return _WONDER * math.log1p(((ratio - 1.0) / _SPREAD) ** 2)
+def wondered(ratio: FloatArray | float) -> Any:
+    """Cost of each base parameter, over its nominal value, as an assumption."""
+    return _WONDER * np.log1p(((ratio - 1.0) / _SPREAD) ** 2)

@@ -354,6 +354,13 @@ def coulomb_level(plant, t, x, v, w, s, rest):
     return max(own + further, 0.0)
 
 
+@internal
+def _holding_level(plant, t, x, v, w, s):
+    """Level within which a slow axis stops for good: what rises with velocity does not hold it."""
+    level = coulomb_level(plant, t, x, v, w, s, 0.0)
+    return min(level, coulomb_level(plant, t, x, 0.0, w, s, 0.0))
+
+
 @internal(forceinline=True)
 def _level_under(plant, t, x, v, slip, w, base, s, rest):
     """Friction level where the transmission carries the whole drive."""
@@ -522,8 +529,8 @@ def band_excess(plant, drive, t0, tau, x, v, s):
     w = load(plant, drive, t0, tau, x, v, s, 0.0)
     t = t0 + tau
     if s * w > 0.0:
-        return s * w - coulomb_level(plant, t, x, v, w, s, 0.0)
-    return -s * w - coulomb_level(plant, t, x, v, w, -s, 0.0)
+        return s * w - _holding_level(plant, t, x, v, w, s)
+    return -s * w - _holding_level(plant, t, x, v, w, -s)
 
 
 #: How a sliding step ends: it goes on, or is to be divided, or reaches a switching surface.
@@ -593,7 +600,7 @@ def resolve(plant, t, x, v, mode, rest, w):
         mode, s = -mode, -s
     if s * v <= plant.numbers[STICK_SPEED]:
         side = s if s * w > 0.0 else -s
-        if abs(w) <= coulomb_level(plant, t, x, v, w, side, 0.0):
+        if abs(w) <= _holding_level(plant, t, x, v, w, side):
             return 0, v
     return mode, v
 

@@ -129,3 +129,21 @@ def test_reversals_of_a_coulomb_oscillator_come_every_half_period(dt):
     # The last event comes 2e-9 s early, at speed Sigma instead of 0; the others carry the
     # integration error alone.
     np.testing.assert_allclose(events.time, expected, rtol=0.0, atol=1e-8)
+
+
+def test_an_axis_whose_friction_rises_with_velocity_creeps_below_the_stick_speed():
+    # More than it holds at rest, less than it resists at the stick speed: nothing but the
+    # velocity at which load and friction are equal is an equilibrium.
+    level, deficit, speed, band = 0.694, 0.95, 7.8e-4, 1e-4
+    film = dfc.effects.VelocityStrengthening(deficit=deficit, speed=speed)
+    axis = dfc.FrictionAxis(mass=0.5, viscous=1.7, coulomb=level, stick_speed=band, effects=(film,))
+
+    def resists(v):
+        return level * (1 - deficit * (1 - math.tanh(v / speed))) + 1.7 * v
+
+    load = 0.5 * (resists(0.0) + resists(band))
+    for v0 in (0.0, 0.9 * band, 20 * band):
+        run = axis.simulate(np.full(2000, load), dt=2e-3, v0=v0)
+        expected = brentq(lambda v: resists(v) - load, 0.0, band)
+        assert run.y[1, -1] == pytest.approx(expected, rel=1e-6)
+        assert np.all(run.mode[1:] == 1)

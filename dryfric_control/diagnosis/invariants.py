@@ -13,6 +13,7 @@ from dryfric_control.diagnosis.candidates import amounts, placed
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.thresholds import LEAST
 from dryfric_control.estimation.force_residual import applied
+from dryfric_control.estimation.random_force import long_run
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
@@ -74,6 +75,33 @@ def _loss(fit: Solution, name: str, neutral: float) -> float:
     for j, p in enumerate(problem.parameters):
         z[j] = p.search(max(neutral, p.low)) if p.name == name else z[j]
     return problem.tried(np.clip(z, problem.low, problem.high)).cost - fit.cost
+
+
+def inconstancy(fit: Solution, own: Sequence[str]) -> float:
+    """Log-likelihood that a cause would gain if it differed between the halves of each record.
+
+    By the slopes of both halves, the other parameters of which are free to differ, too.
+    """
+    problem = fit.problem
+    if not fit.gradients.size:
+        return 0.0
+    late = np.concatenate([
+        np.arange(r.edges.size - 1) >= (r.edges.size - 1) // 2 for r in problem.runs
+    ])  # fmt: skip
+    names = np.array(problem.names)
+    mine = np.flatnonzero(np.isin(names, own))
+    rest = np.flatnonzero(~np.isin(names, own))
+    gain = 0.0
+    for half in (late, ~late):
+        g, h = fit.gradients[half].sum(axis=0), fit.information[half].sum(axis=0)
+        h = h + np.diag(1e-9 * np.diag(h) + 1e-300)
+        for index in (np.concatenate((rest, mine)), rest):
+            size = np.sqrt(np.diag(h)[index])
+            unit = h[np.ix_(index, index)] / np.outer(size, size)
+            step = np.linalg.lstsq(unit, g[index] / size, rcond=1e-9)[0]
+            sign = 1.0 if index.size > rest.size else -1.0
+            gain += sign * 0.5 * float(g[index] @ (step / size))
+    return gain / long_run(fit)
 
 
 def in_free_runs(problem: Problem, less: Solution, more: Solution) -> tuple[float, float]:

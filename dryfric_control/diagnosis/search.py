@@ -19,7 +19,7 @@ from dryfric_control.diagnosis.candidates import (
     with_effect,
 )
 from dryfric_control.diagnosis.gram import Gram, Proposal, raised
-from dryfric_control.diagnosis.invariants import impossible, in_free_runs, unsound
+from dryfric_control.diagnosis.invariants import impossible, in_free_runs, inconstancy, unsound
 from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
@@ -34,6 +34,7 @@ from dryfric_control.diagnosis.thresholds import (
     NOTED,
     OUTSTANDING,
     PROPOSALS,
+    SAME,
     SLACK,
     STRONG,
     WALKED,
@@ -631,6 +632,8 @@ class Search:
             alone = max(STRONG, OUTSTANDING * most)
             for name in now.causes:
                 if unsound(self.problem, now.fit, name, now.own(name)):
+                    lost.append(name)
+                elif inconstancy(now.fit, now.own(name)) > max(LEAST, SAME**2 * worth[name]):
                     lost.append(name)
                 elif worth[name] < alone and not self._seen(self._less[name].fit, now.fit):
                     lost.append(name)

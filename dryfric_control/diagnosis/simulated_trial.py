@@ -66,6 +66,8 @@ class Runs:
 def _windowed(u: Floats, dt: float, length: int, x0: Floats, v0: Floats, rest: Floats) -> Windowed:
     """Windows of `length` samples each, from known states."""
     edges, sure = length * np.arange(x0.size + 1), np.zeros(x0.size)
+    u = u.view()
+    u.setflags(write=False)  # as a record's: free runs are compiled for each type of array
     return Windowed(u, u, 0.0, dt, False, edges, x0, v0, sure, sure, rest)
 
 

@@ -32,7 +32,10 @@ _ROUNDS, _OFFSETS = 2, np.array([-0.3, 0.3, -1.0, 1.0, -2.0, 2.0])
 def shifted(u: Floats, samples: float) -> Floats:
     """Held input delayed by some samples, as means over each sample, which keep the impulse."""
     index = np.arange(u.size)
-    return np.interp(index - samples, index, u) if samples else u
+    if samples:
+        u = np.interp(index - samples, index, u)
+        u.setflags(write=False)  # as a record's: free runs are compiled for each type of array
+    return u
 
 
 @dataclass(frozen=True, eq=False)

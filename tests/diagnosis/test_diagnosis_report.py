@@ -138,6 +138,12 @@ def page_of(d):
     return html_page(d)
 
 
+@functools.cache
+def plot_of(d):
+    """Figure of a diagnosis, drawn once."""
+    return d.plot()
+
+
 def words_of(text):
     """Text of a page with blanks as they are seen."""
     return re.sub(r"\s+", " ", " ".join(Page(text).text))
@@ -392,7 +398,7 @@ def drawn(ax):
 
 
 def test_page_draws_every_panel_with_units(found, nothing, shown):
-    plot = found.plot()
+    plot = plot_of(found)
     axes = plot.axes.ravel()
     assert axes.size == figures.PANELS
     assert "no candidate" not in " ".join(text.get_text() for text in axes[-2].texts)
@@ -441,7 +447,7 @@ def test_nothing_in_the_page_overlaps(found):
 
 
 def test_bars_are_sorted_and_the_named_stand_out(found, uneven):
-    ax = found.plot().axes.ravel()[-2]
+    ax = plot_of(found).axes.ravel()[-2]
     bars = [patch for patch in ax.patches if patch.get_width() > 0.0]
     # Finite ones, best on top: half the fall of the score at each of 8000 samples.
     ends = [bar.get_x() + bar.get_width() for bar in bars]
@@ -482,7 +488,7 @@ def test_a_bar_is_more_than_chance(found):
 
 
 def test_scale_of_the_force_holds_zero_and_every_median(found):
-    for ax in found.plot().axes.ravel()[2:6]:
+    for ax in plot_of(found).axes.ravel()[2:6]:
         low, high = ax.get_ylim()
         assert low < 0.0 < high
         labels = [line.get_label() for line in ax.lines]

@@ -30,9 +30,13 @@ def innovations(axis, u, y, force, reading, good=None, cell=0.0, rested=0.0, w=(
     """Innovations and variances of a record, shape (2, n)."""
     arrays = axis.arrays(DT)
     out, state = np.zeros((2, y.size)), np.zeros((6, y.size))
-    good = np.ones(y.size, bool) if good is None else good
+    signals = [
+        a.view() for a in (u, y, np.array(w), np.ones(y.size, bool) if good is None else good)
+    ]
+    for one in signals:
+        one.setflags(write=False)  # as a record's: the filter is compiled for each type of array
     hybrid.innovations(
-        arrays.numbers, arrays.integers, arrays.memory, u, y, np.array(w), good, 0.0, rested, DT, False,
+        arrays.numbers.copy(), arrays.integers, arrays.memory, *signals, 0.0, rested, DT, False,
         force, reading, cell, max(float(np.ptp(y)), 1e-6), state, out,
     )  # fmt: skip
     return out, state

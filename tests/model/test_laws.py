@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint
 
 import dryfric_control as dfc
 from dryfric_control.model.laws import Dahl, Karnopp, LuGre, Sign, Tanh
@@ -150,7 +150,7 @@ def test_karnopp_stops_at_the_edge_of_its_band():
 
 
 def stiff_reference(law, u, hold, x0, v0):
-    """x, v, F of the rich axis by Radau, written from the published equations."""
+    """x, v, F of the rich axis by LSODA, written from the published equations."""
     n = len(u)
 
     def friction(y):
@@ -178,9 +178,9 @@ def stiff_reference(law, u, hold, x0, v0):
             load = u[k] + du * t - 2.0 * (y[0] - 0.1) - 0.4 * y[1]
             return [y[1], (load - force) / 1.5, dz]
 
-        y = solve_ivp(
-            rates, (0.0, DT), y, method="Radau", rtol=1e-11, atol=[1e-14, 1e-13, 1e-15]
-        ).y[:, -1]
+        y = odeint(
+            rates, y, (0.0, DT), rtol=1e-11, atol=[1e-14, 1e-13, 1e-15], mxstep=5000, tfirst=True
+        )[-1]
 
 
 @pytest.mark.parametrize("hold", ["zero", "first"])
@@ -189,7 +189,7 @@ def stiff_reference(law, u, hold, x0, v0):
     [Tanh(speed=0.05), *(law for law in EVERY_LAW if isinstance(law, (Tanh, Dahl)))],
     ids=lambda law: type(law).__name__,
 )
-def test_smooth_laws_agree_with_radau(law, hold):
+def test_smooth_laws_agree_with_lsoda(law, hold):
     u = 3.0 * np.sin(2 * np.pi * 8.0 * DT * np.arange(150))
     x, v, force, _ = law.run(rich_axis(), u, DT, x0=0.05, v0=0.1, hold=hold)
     expected = stiff_reference(law, u, hold, 0.05, 0.1)

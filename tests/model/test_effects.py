@@ -5,7 +5,7 @@ from dataclasses import fields, make_dataclass
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint
 
 import dryfric_control as dfc
 from dryfric_control.estimation.parameters import Scales, choose, values_of, with_values
@@ -31,11 +31,7 @@ def slide(drive, extra, level=COULOMB, v0=0.5, end=0.2):
         return [v, (u + extra(t, x, v) - VISCOUS * v - s * c) / MASS]
 
     grid = np.arange(round(end / DT) + 1) * DT
-    state, out = [0.01, v0], [[0.01, v0]]
-    for a, b in zip(grid[:-1], grid[1:], strict=True):
-        state = solve_ivp(rates, (a, b), state, rtol=1e-11, atol=1e-13, method="DOP853").y[:, -1]
-        out.append(state)
-    return np.array(out).T
+    return odeint(rates, [0.01, v0], grid, rtol=1e-11, atol=1e-13, mxstep=5000, tfirst=True).T
 
 
 FORCES = [

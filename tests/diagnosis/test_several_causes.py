@@ -23,6 +23,7 @@ def test_an_effect_in_the_believed_axis_may_have_the_wrong_numbers():
     assert len(found.extended.effects) == 1
 
 
+@pytest.mark.slow
 def test_a_nominal_force_of_the_wrong_sign_hides_no_cause():
     case = make_case(("bias_force", "quadratic_drag"), 5, "short")
     force = case.truth["bias_force"]["force"]

@@ -1,4 +1,4 @@
-"""Draw the figures of the theory page: ``python docs/make_theory.py``."""
+"""Draw the figures of the theory page, and Fig. 3 of the demo: ``python docs/make_theory.py``."""
 
 from __future__ import annotations
 
@@ -11,15 +11,36 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from make_effects import IMAGES, save
+from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 
 import dryfric_control as dfc
-from dryfric_control.observer.closed_loop import draw_block_diagram
+from dryfric_control import demo
 
 AXIS = dfc.FrictionAxis(
     mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(excess=0.3, speed=0.02),
     stick_speed=1e-4,
 )  # fmt: skip
 DPI = 120
+# The closed loop: boxes by centre, half width and words; arrows by their corners and words.
+BLOCKS = (
+    (0.135, 0.72, 0.065, "low-pass\nfilter"),
+    (0.365, 0.72, 0.085, "position\ncontroller"),
+    (0.615, 0.72, 0.095, "axis with dry\nfriction: stuck,\nsliding +, sliding \N{MINUS SIGN}"),
+    (0.835, 0.72, 0.062, "encoder"),
+    (0.615, 0.22, 0.095, "switched\nPI observer:\ngains by mode"),
+)
+ARROWS = (
+    (((0.0, 0.72), (0.07, 0.72)), "r", 0),
+    (((0.2, 0.72), (0.28, 0.72)), r"$r_f$", 0),
+    (((0.45, 0.72), (0.52, 0.72)), "u", 0),
+    (((0.71, 0.72), (0.773, 0.72)), "x", 0),
+    (((0.897, 0.72), (1.0, 0.72)), "y", 0),
+    (((0.945, 0.72), (0.945, 0.47), (0.365, 0.47), (0.365, 0.575)), "", 1),
+    (((0.945, 0.47), (0.945, 0.22), (0.71, 0.22)), "", 1),
+    (((0.485, 0.72), (0.485, 0.22), (0.52, 0.22)), "", 0),
+    (((0.52, 0.12), (0.3, 0.12)), r"$\hat x,\ \hat v,\ \hat F$, mode", 0),
+)
+JUNCTIONS = ((0.945, 0.72), (0.945, 0.47), (0.485, 0.72))
 
 
 def friction() -> plt.Figure:
@@ -100,9 +121,80 @@ def dot(ax: Any, x: float, y: float) -> None:
     ax.plot([x], [y], "ko", ms=3.5)
 
 
+def loop_in(ax: Any) -> None:
+    """The closed loop of the paper's section 5 as blocks."""
+    ax.set(xlim=(-0.01, 1.01), ylim=(-0.06, 1.0))
+    ax.set_axis_off()
+    for x, y, half, words in BLOCKS:
+        block = FancyBboxPatch(
+            (x - half, y - 0.145), 2.0 * half, 0.29, fc="0.95", ec="k",
+            boxstyle="round,pad=0,rounding_size=0.01", mutation_aspect=2.0,
+        )  # fmt: skip
+        ax.add_patch(block)
+        ax.text(x, y, words, ha="center", va="center", fontsize="small")
+    for corners, words, at in ARROWS:
+        ax.plot(*zip(*corners, strict=True), "k", lw=1.1, solid_joinstyle="miter", zorder=0)
+        end = {"arrowstyle": "-|>", "color": "k", "shrinkA": 0, "shrinkB": 0}
+        ax.annotate("", corners[-1], corners[-2], arrowprops=end)
+        middle = np.mean(corners[at : at + 2], axis=0)
+        ax.text(*(middle + (0.0, 0.03)), words, ha="center", va="bottom", fontsize="small")
+    ax.plot(*zip(*JUNCTIONS, strict=True), "ko", ms=3.5)
+
+
 def closed_loop() -> plt.Figure:
     """Reference filter, controller, axis, encoder and observer."""
-    return draw_block_diagram(title="").figure
+    figure, ax = plt.subplots(figsize=(7.0, 3.2), layout="constrained")
+    loop_in(ax)
+    return figure
+
+
+def spring(ax: Any, start: tuple[float, float], end: tuple[float, float], name: str) -> None:
+    """A zigzag between two points, its name in the middle."""
+    a, along = np.array(start), np.subtract(end, start)
+    across = 0.16 * np.array([-along[1], along[0]]) / np.hypot(*along)
+    part = np.r_[0.0, np.linspace(0.15, 0.85, 9), 1.0]
+    side = np.r_[0.0, 0.0, np.resize([1.0, -1.0], 7), 0.0, 0.0]
+    ax.plot(*(a[:, None] + along[:, None] * part + across[:, None] * side), "k", lw=1.1)
+    side_by_side = "right" if along[0] == 0.0 else "center"
+    ax.text(*(a + 0.5 * along - 2.4 * across), name, ha=side_by_side, va="center", fontsize="small")
+
+
+def kinematics(ax: Any) -> None:
+    """Motor, toothed rack, two springs and a bevel: the system of the paper's Fig. 3."""
+    ax.set(xlim=(0.0, 9.6), ylim=(1.4, 5.2), aspect="equal")
+    ax.set_axis_off()
+    for shape in (
+        Circle((3.8, 3.62), 0.75, fc="0.95", ec="k"),
+        Circle((3.8, 3.62), 0.1, fc="k"),
+        Rectangle((2.0, 2.05), 4.0, 0.65, fc="0.9", ec="k"),
+        # The bevel moves with the rack: where spring 1 is compressed, spring 2 is not.
+        Polygon([(6.0, 2.05), (9.0, 2.05), (9.0, 2.2), (6.0, 3.2)], fc="0.75", ec="k"),
+        Circle((7.6, 2.84), 0.17, fc="w", ec="k"),
+        Rectangle((0.23, 1.92), 0.14, 0.9, fc="w", ec="k", hatch="////"),
+        Rectangle((7.15, 4.7), 0.9, 0.14, fc="w", ec="k", hatch="////"),
+    ):
+        ax.add_patch(shape)
+    for x, y, words in (
+        (3.8, 4.62, "motor and pinion, torque u"),
+        (4.0, 2.36, "toothed rack"),
+        (3.15, 1.75, "x"),
+        (6.9, 2.36, "bevel"),
+    ):
+        ax.text(x, y, words, ha="center", va="center", fontsize="small")
+    ax.plot(np.linspace(2.0, 6.0, 41), 2.7 + 0.17 * (np.arange(41) % 2), "k", lw=1.0)
+    ax.annotate("", (3.0, 1.75), (2.0, 1.75), arrowprops={"arrowstyle": "-|>", "color": "k"})
+    spring(ax, (0.37, 2.37), (2.0, 2.37), "spring 1")
+    spring(ax, (7.6, 4.7), (7.6, 3.01), "spring 2")
+
+
+def system() -> plt.Figure:
+    """Kinematic diagram of the actuator above the closed loop in which it runs (paper, Fig. 3)."""
+    figure, (above, below) = plt.subplots(2, 1, figsize=(7.0, 6.4), layout="constrained")
+    kinematics(above)
+    above.set_title("clutch actuator: motor, rack, two springs, bevel", loc="left")
+    loop_in(below)
+    below.set_title("closed loop: the observer reads drive force and encoder", loc="left")
+    return figure
 
 
 def observer() -> plt.Figure:
@@ -165,6 +257,7 @@ def observer() -> plt.Figure:
 
 
 def main() -> None:
+    save(system(), demo.SYSTEM, dpi=110)
     plt.rcParams.update({"font.size": 9.0, "axes.spines.top": False, "axes.spines.right": False})
     for name, draw in (("friction", friction), ("loop", closed_loop), ("observer", observer)):
         save(draw(), IMAGES / f"theory_{name}.png", DPI)

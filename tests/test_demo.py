@@ -33,6 +33,7 @@ def test_demo_makes_its_own_record_and_recovers_it(made):
     # The replayed stick-slip is the measured one within 10 %.
     assert replayed["amplitude"] == pytest.approx(measured["amplitude"], rel=0.1)
     assert replayed["period"] == pytest.approx(measured["period"], rel=0.1)
+    assert (folder / demo.SYSTEM.name).read_bytes() == demo.SYSTEM.read_bytes()
     leftovers = [path for path in folder.iterdir() if path.suffix == ".part"]
     assert not leftovers
 

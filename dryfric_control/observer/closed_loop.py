@@ -26,25 +26,6 @@ from dryfric_control.ties import samples as steps_in
 _PLANT = ("x", "v", "F", "mode", "u", "y")
 # Start that the inset of the position shows [s].
 _FIRST = 0.15
-# The closed loop: boxes by centre, half width and words; arrows by their corners and words.
-_BLOCKS = (
-    (0.135, 0.72, 0.065, "low-pass\nfilter"),
-    (0.365, 0.72, 0.085, "position\ncontroller"),
-    (0.615, 0.72, 0.095, "axis with dry\nfriction: stuck,\nsliding +, sliding \N{MINUS SIGN}"),
-    (0.835, 0.72, 0.062, "encoder"),
-    (0.615, 0.22, 0.095, "switched\nPI observer:\ngains by mode"),
-)
-_ARROWS = (
-    (((0.0, 0.72), (0.07, 0.72)), "r", 0),
-    (((0.2, 0.72), (0.28, 0.72)), r"$r_f$", 0),
-    (((0.45, 0.72), (0.52, 0.72)), "u", 0),
-    (((0.71, 0.72), (0.773, 0.72)), "x", 0),
-    (((0.897, 0.72), (1.0, 0.72)), "y", 0),
-    (((0.945, 0.72), (0.945, 0.47), (0.365, 0.47), (0.365, 0.575)), "", 1),
-    (((0.945, 0.47), (0.945, 0.22), (0.71, 0.22)), "", 1),
-    (((0.485, 0.72), (0.485, 0.22), (0.52, 0.22)), "", 0),
-    (((0.52, 0.12), (0.3, 0.12)), r"$\hat x,\ \hat v,\ \hat F$, mode", 0),
-)
 #: Signals of a run: name, unit, row of the plant and of the estimate.
 _SIGNALS = {
     "position": ("position", "length", 0, 0),
@@ -52,9 +33,6 @@ _SIGNALS = {
     "friction": ("friction", "force", 2, 2),
     "mode": ("mode", "", 3, 4),
 }
-_JUNCTIONS = ((0.945, 0.72), (0.945, 0.47), (0.485, 0.72))
-
-
 #: Time the observer has to forget its start before position, and before speed
 #: and friction, are judged [s].
 SETTLED_POSITION, SETTLED = 0.1, 0.2
@@ -329,34 +307,6 @@ def check_loop(controller: LoopController, design: ObserverDesign) -> None:
             f"controller.dt = {controller.dt:g} s and design.dt = {design.dt:g} s differ: "
             "make both for one sampling time"
         )
-
-
-def draw_block_diagram(ax: Any = None, title: str | None = None) -> ct.ControlPlot:
-    """Draw the closed loop of the paper's section 5 as blocks."""
-    from matplotlib.patches import FancyBboxPatch
-
-    axes = drawing.axes_of(ax, 1, title, figsize=(7.0, 3.2))
-    one = axes[0]
-    one.set_axis_off()
-    one.set_xlim(-0.01, 1.01)
-    one.set_ylim(-0.06, 1.0)
-    for x, y, half, words in _BLOCKS:
-        box = FancyBboxPatch(
-            (x - half, y - 0.145), 2.0 * half, 0.29, fc="0.95", ec="k",
-            boxstyle="round,pad=0,rounding_size=0.01", mutation_aspect=2.0,
-        )  # fmt: skip
-        one.add_patch(box)
-        one.text(x, y, words, ha="center", va="center", fontsize="small")
-    for corners, words, at in _ARROWS:
-        one.plot(*zip(*corners, strict=True), "k", lw=1.1, solid_joinstyle="miter", zorder=0)
-        end = {"arrowstyle": "-|>", "color": "k", "shrinkA": 0, "shrinkB": 0}
-        one.annotate("", corners[-1], corners[-2], arrowprops=end)
-        middle = np.mean(corners[at : at + 2], axis=0)
-        one.text(*(middle + (0.0, 0.03)), words, ha="center", va="bottom", fontsize="small")
-    one.plot(*zip(*_JUNCTIONS, strict=True), "ko", ms=3.5)
-    title = "closed loop: the observer reads drive force and encoder" if title is None else title
-    drawing.title_above(one, title)
-    return drawing.control_plot(axes)
 
 
 def draw_coulomb_maps(

@@ -19,7 +19,7 @@ from dryfric_control.compiled import axis_step, elastic
 from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
 from dryfric_control.model.block import Block
 from dryfric_control.model.effects import Effect
-from dryfric_control.model.effects.effect import Inner, law_address
+from dryfric_control.model.effects.effect import WITH_STATE, Inner, law_address
 from dryfric_control.model.effects.naming import named
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.model.friction_curve import draw_friction, usual_speed
@@ -39,7 +39,6 @@ MODE_LABELS = {0: "stuck", 1: "plus", -1: "minus"}
 MODES = tuple(MODE_LABELS)
 #: Fields that must be positive, with their units.
 _POSITIVE = {"mass": "kg", "viscous": "N s/m", "stick_speed": "m/s", "stick_rate": "1/s"}
-_WITH_STATE = ("delay", "lag", "contact", "transmission")
 
 #: Fastest change of speed that one sample may hold, in time constants: the steps
 #: inside it resolve that change, and beyond this a sample takes milliseconds.
@@ -194,7 +193,7 @@ class FrictionAxis:
                     "effects must be a sequence of effects, such as "
                     f"[dfc.effects.Spring(stiffness=200.0)], got {effect!r}"
                 )
-        for action in _WITH_STATE:
+        for action in WITH_STATE:
             alike = [effect.slug for effect in self.effects if effect.action == action]
             if len(alike) > 1:
                 mend = "keep one" if action in ("contact", "transmission") else "add them up"
@@ -806,7 +805,7 @@ def elastic_rates(axis: FrictionAxis, dt: float) -> dict[str, float]:
 def inner_of(axis: FrictionAxis) -> Inner:
     """Numbers of delay, lag, contact and transmission of an axis with its effective base."""
     # An axis holds one of each kind that has a state, so that adding is collecting.
-    states = [e.inner(axis) for e in axis.effects if e.action in _WITH_STATE]
+    states = [e.inner(axis) for e in axis.effects if e.action in WITH_STATE]
     return Inner(*map(sum, zip(*states, strict=True))) if states else Inner()
 
 
@@ -823,7 +822,7 @@ def rigid_inner(axis: FrictionAxis) -> Inner:
     return inner
 
 
-def without_effects(axis: FrictionAxis, actions: Iterable[str] = _WITH_STATE) -> FrictionAxis:
+def without_effects(axis: FrictionAxis, actions: Iterable[str] = WITH_STATE) -> FrictionAxis:
     """Axis without effects of some actions; by default without all that have states."""
     return axis.replace(effects=tuple(e for e in axis.effects if e.action not in actions))
 

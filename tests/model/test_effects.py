@@ -1,7 +1,7 @@
 """Every effect against its equation, integrated by someone else."""
 
 import math
-from dataclasses import fields, make_dataclass
+from dataclasses import FrozenInstanceError, fields, make_dataclass
 
 import numpy as np
 import pytest
@@ -242,6 +242,32 @@ def test_a_law_that_reads_numbers_not_its_own_is_refused(count, law, shared, wor
     table = (1.0, 2.0)
     reader = declared(1, lambda t, x, v, u, level, s, rest, p: p[0] * table[int(t)])
     assert dfc.effects.register_effect(reader) is reader
+
+
+def test_a_plain_class_is_registered_under_its_name():
+    class SoftEdge(dfc.effects.Effect):
+        strength: float = dfc.effects.parameter("N", "force")
+        action = "force"
+
+        @staticmethod
+        def law(t, x, v, u, level, direction, rest, p):
+            return p[0]
+
+    class Bare(SoftEdge):
+        width: float = 1.0
+        slug = "bare"
+
+    dfc.effects.register_effect(SoftEdge)
+    try:
+        assert REGISTRY["soft_edge"] is SoftEdge and SoftEdge.title == "soft edge"
+        assert SoftEdge(2.0) == SoftEdge(strength=2.0) != SoftEdge(1.0)
+        with pytest.raises(FrozenInstanceError):
+            SoftEdge(2.0).strength = 1.0
+        # A number that is no parameter has neither unit nor bounds.
+        with pytest.raises(ValueError, match=r"Bare\.width is no field.*dfc\.effects\.parameter"):
+            dfc.effects.register_effect(Bare)
+    finally:
+        del REGISTRY["soft_edge"]
 
 
 def test_limits_and_dead_zones_within_noise_are_none():

@@ -31,10 +31,6 @@ class Foreign(dfc.effects.Effect):
     explanation = "Something of the user's own machine."
     experiment = "Look at it."
 
-    def __init_subclass__(cls):
-        super().__init_subclass__()
-        cls.title = cls.slug.replace("_", " ")
-
 
 @dataclass(frozen=True)
 class HalfBridge(Foreign):

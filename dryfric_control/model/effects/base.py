@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 from dryfric_control.model.effects.columns import Column, View, peaks
 from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
@@ -29,7 +28,6 @@ class Factor(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class Inertia(Factor):
     r"""Mass that differs from that of the axis.
 
@@ -49,7 +47,6 @@ class Inertia(Factor):
         "1", "moving mass over the mass of the axis", bounds=(1e-9, math.inf), neutral=1.0
     )
 
-    slug = "inertia"
     title = "inertia error"
     base = "mass"
     explanation = "The moving mass differs from the assumed one: a workpiece, a coupling, a gear."
@@ -57,7 +54,6 @@ class Inertia(Factor):
 
 
 @register_effect
-@dataclass(frozen=True)
 class ViscousFriction(Factor):
     r"""Viscous coefficient that differs from that of the axis.
 
@@ -85,7 +81,6 @@ class ViscousFriction(Factor):
 
 
 @register_effect
-@dataclass(frozen=True)
 class CoulombFriction(Factor):
     r"""Coulomb level that differs, equally in both directions.
 
@@ -118,7 +113,6 @@ class CoulombFriction(Factor):
 
 
 @register_effect
-@dataclass(frozen=True)
 class StribeckPeak(Effect):
     r"""Friction that is higher at the slowest motion.
 

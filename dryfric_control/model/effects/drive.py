@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import lfilter
@@ -23,7 +22,6 @@ _NEARLY_ALL = 0.9
 
 
 @register_effect
-@dataclass(frozen=True)
 class InputDelay(Effect):
     r"""Drive force that acts a time after the command.
 
@@ -45,11 +43,7 @@ class InputDelay(Effect):
 
     delay: float = parameter("s", "delay", bounds=(0.0, math.inf), kind="time")
 
-    slug = "input_delay"
-    title = "input delay"
     action = "delay"
-    depends_on_place = False
-    remembers = True
     rank = 5
     explanation = "The drive acts with a delay: computing time, a field bus, a current loop."
     experiment = (
@@ -68,7 +62,6 @@ class InputDelay(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class ActuatorLag(Effect):
     r"""Drive force that follows the command with a first-order lag.
 
@@ -90,11 +83,7 @@ class ActuatorLag(Effect):
 
     time_constant: float = parameter("s", "time constant", bounds=(0.0, math.inf), kind="time")
 
-    slug = "actuator_lag"
-    title = "actuator lag"
     action = "lag"
-    depends_on_place = False
-    remembers = True
     rank = 6
     explanation = "The force builds up gradually: inductance of the winding, or stroke of a valve."
     experiment = "Step the force while sliding: acceleration rises gradually, not after a pause."
@@ -114,7 +103,6 @@ class ActuatorLag(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class InputGain(Effect):
     r"""Drive force that is a multiple of the commanded one.
 
@@ -137,8 +125,6 @@ class InputGain(Effect):
         "1", "force acting over force commanded", bounds=(0.0, math.inf), neutral=1.0
     )
 
-    slug = "input_gain"
-    title = "input gain"
     action = "input"
     rank = 2
     trades = ("mass", "add a known mass, or measure the force, to separate them")
@@ -156,7 +142,6 @@ class InputGain(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class DeadZone(Effect):
     r"""Commands to which the drive does not respond.
 
@@ -177,8 +162,6 @@ class DeadZone(Effect):
 
     width: float = parameter("N", "half width", bounds=(0.0, math.inf))
 
-    slug = "dead_zone"
-    title = "dead zone"
     action = "input"
     rank = 11
     explanation = "The drive ignores small commands: valve overlap, or dead time of a bridge."
@@ -205,7 +188,6 @@ class DeadZone(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class Saturation(Effect):
     r"""Largest force that the drive gives.
 
@@ -226,8 +208,6 @@ class Saturation(Effect):
 
     limit: float = parameter("N", "largest magnitude", bounds=(0.0, math.inf), neutral=None)
 
-    slug = "saturation"
-    title = "saturation"
     action = "input"
     rank = 12
     explanation = "The drive force is limited: current limit, supply voltage, pressure."

@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, field, fields
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, dataclass_transform
 
 from numba import cfunc
 
@@ -31,12 +31,14 @@ ACTIONS = (
     *("axis", "delay", "lag", "contact", "transmission"),
 )
 _BY_LAW = ACTIONS[:4]
+#: Those with a state of their own, of which an axis holds one each.
+WITH_STATE = ACTIONS[5:]
 #: The method that an action needs.
 _METHODS = {
     **dict.fromkeys(_BY_LAW, ("law", "a static method law(t, x, v, u, ..., p)")),
     "axis": ("alter", "a method alter(axis) that returns a FrictionAxis"),
     **dict.fromkeys(
-        ACTIONS[5:], ("inner", "a method inner(axis) that returns dfc.effects.Inner(...)")
+        WITH_STATE, ("inner", "a method inner(axis) that returns dfc.effects.Inner(...)")
     ),
 }
 
@@ -220,7 +222,8 @@ class Effect:
     action: ClassVar[str] = ""
     explanation: ClassVar[str] = ""
     experiment: ClassVar[str] = ""
-    #: Whether position, speed and mode do not determine all it does: it looks back.
+    #: Whether position, speed and mode do not determine all it does: it looks back.  That, and
+    #: that it does not read the position, holds of all with a state unless they say otherwise.
     remembers: ClassVar[bool] = False
     #: Whether it reads the position; runs of an axis that does not anywhere are
     #: the same from every place.  This and the next three are read off a law.
@@ -254,10 +257,14 @@ class Effect:
     alter: ClassVar[Callable[..., Any]]
 
     def __init_subclass__(cls) -> None:
-        if "law" in vars(cls):
-            read = read_by(vars(cls)["law"])
-            for flag in _FLAGS.keys() - vars(cls).keys():
-                setattr(cls, flag, not read.isdisjoint(_FLAGS[flag]))
+        own, flags = vars(cls), {}
+        if "law" in own:
+            read = read_by(own["law"])
+            flags = {flag: not read.isdisjoint(names) for flag, names in _FLAGS.items()}
+        elif own.get("action") in WITH_STATE:
+            flags = {"remembers": True, "depends_on_place": False}
+        for flag in flags.keys() - own.keys():
+            setattr(cls, flag, flags[flag])
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -454,26 +461,26 @@ class Effect:
 REGISTRY: dict[str, type[Effect]] = {}
 
 
+@dataclass_transform(frozen_default=True, field_specifiers=(parameter,))
 def register_effect(cls: type[Effect]) -> type[Effect]:
     """Make an effect known to simulation, fitting and diagnosis.
 
-    Used as a class decorator, above ``@dataclass(frozen=True)``.
+    Used as a class decorator; it makes the class a frozen dataclass if it is none.
 
     Parameters
     ----------
     cls : type of Effect
-        A ValueError if it lacks a slug, a known action, a law, an `alter` or an `inner`, takes the
-        slug of another effect, or its law reads a parameter that it does not declare.
+        Where it sets no `slug`, that is its name, as in "end_stop" of ``EndStop``; where it sets no
+        `title`, that is the slug in words.  A ValueError if it lacks a known action, a law, an
+        `alter` or an `inner`, takes the slug of another effect, or its law reads a parameter that
+        it does not declare.
 
     Examples
     --------
-    >>> from dataclasses import dataclass
     >>> import dryfric_control as dfc
     >>> @dfc.effects.register_effect
-    ... @dataclass(frozen=True)
     ... class Magnet(dfc.effects.Effect):
     ...     strength: float = dfc.effects.parameter("N m^2", "pull times distance squared")
-    ...     slug = "magnet"
     ...     action = "force"
     ...     @staticmethod
     ...     def law(t, x, v, u, level, direction, rest, p):
@@ -487,7 +494,13 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
         raise ValueError(
             f"register_effect takes a class that derives from dfc.effects.Effect, got {cls!r}"
         )
-    own, slug = cls.__name__, cls.slug
+    if "__dataclass_params__" not in vars(cls):
+        dataclass(frozen=True)(cls)
+    own = cls.__name__
+    said = {name for one in cls.__mro__ if one is not Effect for name in vars(one)}
+    if "slug" not in said:
+        cls.slug = re.sub("(?<=[a-z])(?=[A-Z])", "_", own).lower()
+    slug = cls.slug
     if not isinstance(slug, str) or not slug.isidentifier() or slug.rpartition("_")[2].isdecimal():
         raise ValueError(f"{own}.slug must be a lower-case word, no number behind it, got {slug!r}")
     if cls.action not in ACTIONS:
@@ -501,7 +514,9 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
         raise ValueError(f"{own} needs {needed}")
     _check_numbers(cls)
     _document_parameters(cls)
-    REGISTRY[cls.slug] = cls
+    if "title" not in said:
+        cls.title = slug.replace("_", " ")
+    REGISTRY[slug] = cls
     return cls
 
 
@@ -539,12 +554,12 @@ def _check_numbers(cls: type[Effect]) -> None:
                 f"{cls.__name__}.{item.name} is no name for a parameter, every effect has an "
                 "attribute of that name: choose another"
             )
-    for name in inspect.get_annotations(cls):
-        if name not in cls.__dataclass_fields__:
-            raise ValueError(
-                f"{cls.__name__}.{name} is no field: put @dataclass(frozen=True) above the class "
-                "and call dfc.effects.parameter(...) for each parameter"
-            )
+    bare = [name for name in inspect.get_annotations(cls) if name not in cls.__dataclass_fields__]
+    for name in bare + [item.name for item in fields(cls) if not item.metadata]:
+        raise ValueError(
+            f"{cls.__name__}.{name} is no field: put @dataclass(frozen=True) above the class "
+            "and call dfc.effects.parameter(...) for each parameter"
+        )
     if cls.action not in _BY_LAW:
         return
     law = getattr(cls.law, "py_func", cls.law)

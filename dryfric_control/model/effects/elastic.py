@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import signal
@@ -25,7 +25,6 @@ def _elastic_length(view: View) -> float:
 
 
 @register_effect
-@dataclass(frozen=True)
 class Presliding(Effect):
     r"""Friction that is elastic before it slides.
 
@@ -71,11 +70,7 @@ class Presliding(Effect):
         bounds=(0.0, 1.0), kind="share", default=0.0, free=False,
     )  # fmt: skip
 
-    slug = "presliding"
-    title = "presliding"
     action = "contact"
-    depends_on_place = False
-    remembers = True
     rank = 18
     explanation = "Before breakaway the contact is elastic: the axis moves a little, and back."
     experiment = "Raise and lower the force slowly below breakaway: the position has a hysteresis."
@@ -112,7 +107,6 @@ class Presliding(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class Backlash(Effect):
     r"""Free play between motor and load.
 
@@ -154,11 +148,7 @@ class Backlash(Effect):
         "1", "share of the mass behind the gap", bounds=(1e-6, 1.0 - 1e-6), kind="share"
     )
 
-    slug = "backlash"
-    title = "backlash"
     action = "transmission"
-    depends_on_place = False
-    remembers = True
     rank = 20.0
     explanation = (
         "There is free play between motor and load: after each reversal the motor crosses the gap, "
@@ -183,7 +173,6 @@ class Backlash(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class LoadEncoderBacklash(Backlash):
     r"""Free play between motor and load, the encoder on the load.
 
@@ -225,7 +214,6 @@ class LoadEncoderBacklash(Backlash):
 
 
 @register_effect
-@dataclass(frozen=True)
 class Compliance(Effect):
     r"""Elastic transmission between motor and load.
 
@@ -258,11 +246,7 @@ class Compliance(Effect):
         "1", "share of the mass behind the transmission", bounds=(1e-6, 1.0 - 1e-6), kind="share"
     )
 
-    slug = "compliance"
-    title = "compliance"
     action = "transmission"
-    depends_on_place = False
-    remembers = True
     rank = 21
     explanation = (
         "A belt, a long screw or a soft coupling between motor and load is elastic: the two "

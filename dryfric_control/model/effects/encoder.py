@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 from dryfric_control.model.effects.columns import Column, View, sines
 from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
 
 
 @register_effect
-@dataclass(frozen=True)
 class EccentricEncoder(Effect):
     r"""Encoder with an error that is periodic in position.
 
@@ -38,8 +36,6 @@ class EccentricEncoder(Effect):
     period: float = parameter("m", "distance after which it repeats", bounds=(1e-300, math.inf))
     phase: float = parameter("rad", "phase at x = 0", default=0.0, kind="angle")
 
-    slug = "eccentric_encoder"
-    title = "eccentric encoder"
     action = "reading"
     rank = 15.5
     repeats = True

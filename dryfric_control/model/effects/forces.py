@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,7 +20,6 @@ _DEPTHS = tuple(np.geomspace(0.003, 0.3, 12))
 
 
 @register_effect
-@dataclass(frozen=True)
 class BiasForce(Effect):
     r"""Constant force on the mass.
 
@@ -45,8 +43,6 @@ class BiasForce(Effect):
 
     force: float = parameter("N", "force, positive with x")
 
-    slug = "bias_force"
-    title = "bias force"
     action = "force"
     rank = 1
     trades = (
@@ -71,7 +67,6 @@ class BiasForce(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class ViscousAsymmetry(Effect):
     r"""Viscous friction that differs between the directions.
 
@@ -94,8 +89,6 @@ class ViscousAsymmetry(Effect):
 
     viscous: float = parameter("N s/m", "half the difference, positive minus negative direction")
 
-    slug = "viscous_asymmetry"
-    title = "viscous asymmetry"
     action = "force"
     depends_on_direction = True
     rank = 17
@@ -116,7 +109,6 @@ class ViscousAsymmetry(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class QuadraticDrag(Effect):
     r"""Drag that grows with the square of velocity.
 
@@ -137,8 +129,6 @@ class QuadraticDrag(Effect):
 
     drag: float = parameter("N s^2/m^2", "coefficient of v |v|", bounds=(0.0, math.inf))
 
-    slug = "quadratic_drag"
-    title = "quadratic drag"
     action = "force"
     rank = 4
     explanation = (
@@ -156,7 +146,6 @@ class QuadraticDrag(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class Spring(Effect):
     r"""Linear spring to the frame.
 
@@ -178,8 +167,6 @@ class Spring(Effect):
     stiffness: float = parameter("N/m", "stiffness", bounds=(0.0, math.inf))
     rest: float = parameter("m", "position without spring force", default=0.0, kind="place")
 
-    slug = "spring"
-    title = "spring"
     action = "force"
     adds_constant = "rest"
     rank = 3
@@ -204,7 +191,6 @@ class Spring(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class EndStop(Effect):
     r"""Elastic stops at both ends of the travel.
 
@@ -233,8 +219,6 @@ class EndStop(Effect):
     )
     damping: float = parameter("N s/m", "damping", bounds=(0.0, math.inf), default=0.0)
 
-    slug = "end_stop"
-    title = "end stop"
     action = "force"
     rank = 18
     explanation = "The axis runs into a stop, a buffer or a cable at an end of its travel."
@@ -287,7 +271,6 @@ class EndStop(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class Gravity(Effect):
     r"""Gravity on a rotary axis.
 
@@ -313,7 +296,6 @@ class Gravity(Effect):
     amplitude: float = parameter("N m", "largest torque m g l", bounds=(0.0, math.inf))
     phase: float = parameter("rad", "position at which the arm hangs", default=0.0, kind="angle")
 
-    slug = "gravity"
     title = "gravity on a rotary axis"
     action = "force"
     rank = 15
@@ -342,7 +324,6 @@ class Gravity(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class Cogging(Effect):
     r"""Force that repeats with position.
 
@@ -365,8 +346,6 @@ class Cogging(Effect):
     period: float = parameter("m", "period", bounds=(1e-300, math.inf))
     phase: float = parameter("rad", "phase at x = 0", default=0.0, kind="angle")
 
-    slug = "cogging"
-    title = "cogging"
     action = "force"
     rank = 13
     repeats = True
@@ -393,7 +372,6 @@ class Cogging(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class TimePeriodic(Effect):
     r"""Force that repeats with time.
 
@@ -417,7 +395,6 @@ class TimePeriodic(Effect):
     frequency: float = parameter("Hz", "frequency", bounds=(0.0, math.inf))
     phase: float = parameter("rad", "phase at t = 0", default=0.0, kind="angle")
 
-    slug = "time_periodic"
     title = "disturbance periodic in time"
     action = "force"
     rank = 14

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +19,6 @@ _ONE_SIDED = 0.5
 
 
 @register_effect
-@dataclass(frozen=True)
 class CoulombAsymmetry(Effect):
     r"""Coulomb level that differs between the directions.
 
@@ -41,7 +39,6 @@ class CoulombAsymmetry(Effect):
 
     force: float = parameter("N", "half the difference, positive minus negative direction")
 
-    slug = "coulomb_asymmetry"
     title = "Coulomb asymmetry"
     action = "friction"
     depends_on_direction = True
@@ -67,7 +64,6 @@ class CoulombAsymmetry(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class PositionDependence(Effect):
     r"""Coulomb level that changes along the travel.
 
@@ -94,7 +90,6 @@ class PositionDependence(Effect):
         "m", "position of the unchanged level", default=0.0, kind="place", free=False
     )
 
-    slug = "position_dependence"
     title = "position-dependent friction"
     action = "friction"
     rank = 7
@@ -125,7 +120,6 @@ class PositionDependence(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class LoadDependence(Effect):
     r"""Friction that grows with the transmitted force.
 
@@ -151,7 +145,6 @@ class LoadDependence(Effect):
 
     coefficient: float = parameter("1", "added friction over the load", bounds=(0.0, 1.0), size=0.1)
 
-    slug = "load_dependence"
     title = "load-dependent friction"
     action = "friction"
     within_peak = False
@@ -192,7 +185,6 @@ def carrying(axis: BaseAxis, scale: float) -> dict[str, float]:
 
 
 @register_effect
-@dataclass(frozen=True)
 class LoadAsymmetry(Effect):
     r"""Load-dependent friction that differs between the directions.
 
@@ -219,7 +211,6 @@ class LoadAsymmetry(Effect):
         "1", "half the difference of added friction over the load", bounds=(-1.0, 1.0), size=0.1
     )
 
-    slug = "load_asymmetry"
     title = "load-dependent friction by direction"
     action = "friction"
     depends_on_direction = True
@@ -242,7 +233,6 @@ class LoadAsymmetry(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class StribeckAsymmetry(Effect):
     r"""Stribeck peak that differs between the directions.
 
@@ -275,7 +265,6 @@ class StribeckAsymmetry(Effect):
         logarithmic=True, kind="speed",
     )  # fmt: skip
 
-    slug = "stribeck_asymmetry"
     title = "Stribeck peak by direction"
     action = "friction"
     depends_on_direction = True
@@ -306,7 +295,6 @@ class StribeckAsymmetry(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class VelocityStrengthening(Effect):
     r"""Friction that is lower at rest and rises to its level.
 
@@ -342,8 +330,6 @@ class VelocityStrengthening(Effect):
         kind="speed",
     )
 
-    slug = "velocity_strengthening"
-    title = "velocity strengthening"
     action = "friction"
     within_peak = False
     rank = 9.5
@@ -371,7 +357,6 @@ class VelocityStrengthening(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class WarmUp(Effect):
     r"""Friction that falls exponentially while the machine warms up.
 
@@ -398,7 +383,6 @@ class WarmUp(Effect):
         "s", "time constant", bounds=(1e-300, math.inf), logarithmic=True
     )
 
-    slug = "warm_up"
     title = "warm-up"
     action = "friction"
     rank = 12.5
@@ -427,7 +411,6 @@ class WarmUp(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class Drift(Effect):
     r"""Friction level that changes over the record.
 
@@ -448,7 +431,6 @@ class Drift(Effect):
 
     rate: float = parameter("1/s", "relative change of the level per time")
 
-    slug = "drift"
     title = "friction drift"
     action = "friction"
     rank = 8
@@ -465,7 +447,6 @@ class Drift(Effect):
 
 
 @register_effect
-@dataclass(frozen=True)
 class DwellTime(Effect):
     r"""Breakaway level that grows with the time at rest.
 
@@ -496,7 +477,6 @@ class DwellTime(Effect):
         "s", "time constant", bounds=(1e-9, math.inf), breaks_away=True, neutral=None
     )
 
-    slug = "dwell_time"
     title = "dwell-time dependence"
     action = "friction"
     within_peak = False

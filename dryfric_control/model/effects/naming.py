@@ -19,8 +19,7 @@ def title_of(name: str) -> str:
     effect, number = class_of(name), _split(name)[1]
     if effect is None:
         return name
-    title = effect.title or effect.slug
-    return title if number == 1 else f"{title} {number}"
+    return effect.title if number == 1 else f"{effect.title} {number}"
 
 
 def titles_of(alternative: str) -> str:

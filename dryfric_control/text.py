@@ -8,10 +8,11 @@ import functools
 import html
 import inspect
 import math
+import os
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -25,17 +26,16 @@ _SITE = "https://dryfric-control.github.io/dryfric-control"
 WIDTH = 100
 
 
-def wrapped(lines: Iterable[str], indent: int = 4) -> str:
-    """Lines of at most 100 characters; what is left of a longer one is indented."""
-    return "\n".join(
-        textwrap.fill(
-            line, WIDTH, subsequent_indent=" " * indent, break_long_words=False,
-            break_on_hyphens=False,
+def wrapped(lines: Iterable[str]) -> str:
+    """Lines of at most 100 characters; what is left of a longer one stands under its own indent."""
+    found = []
+    for line in lines:
+        indent = " " * (len(line) - len(line.lstrip()) + 4)
+        parts = textwrap.wrap(
+            line, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
         )
-        if len(line) > WIDTH
-        else line
-        for line in lines
-    )  # fmt: skip
+        found += parts if len(line) > WIDTH else [line]
+    return "\n".join(found)
 
 
 def see(page: str) -> str:
@@ -126,15 +126,22 @@ def plain_data(value: Any) -> Any:
         return plain_data(value.tolist())
     if isinstance(value, Mapping):
         return {key: plain_data(one) for key, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain_data(one) for one in value]
     if hasattr(value, "to_dict"):
         return value.to_dict()
-    return value
+    if hasattr(value, "_asdict"):  # a named tuple
+        return plain_data(value._asdict())
+    if isinstance(value, (list, tuple)):
+        return [plain_data(one) for one in value]
+    if dataclasses.is_dataclass(value):
+        return fields_of(value)
+    return str(value) if isinstance(value, os.PathLike) else value
 
 
 class Result:
     """A result that shows itself: as text, as HTML in a notebook, as plain data."""
+
+    #: What `to_dict` gives; all public fields where none is named.
+    _told: ClassVar[tuple[str, ...]] = ()
 
     def _shown(self) -> Iterable[str | Sequence[Sequence[str]]]:
         """Lines of text, and tables as sequences of rows, the headings first."""
@@ -153,9 +160,7 @@ class Result:
     def summary(self) -> str:
         """What there is to see, in plain lines."""
         return "\n".join(
-            # What is left of a line that was too long stands under its own indent.
-            wrapped([one], len(one) - len(one.lstrip()) + 4) if isinstance(one, str) else table(one)
-            for one in self._worded()
+            wrapped([one]) if isinstance(one, str) else table(one) for one in self._worded()
         )
 
     def __repr__(self) -> str:
@@ -169,7 +174,7 @@ class Result:
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers and words, ready for JSON."""
-        return fields_of(self)
+        return {name: plain_data(getattr(self, name)) for name in self._told} or fields_of(self)
 
 
 def stated(words: str, default: Any = dataclasses.MISSING, **options: Any) -> Any:

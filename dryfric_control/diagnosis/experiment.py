@@ -20,7 +20,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of, titles_of
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import file_path, replacing
-from dryfric_control.text import Result, documented, fields_of, rotary_words, stated
+from dryfric_control.text import Result, documented, rotary_words, stated
 from dryfric_control.ties import above, ranked
 from dryfric_control.units import check_units
 
@@ -76,6 +76,7 @@ class Experiment(Result):
         "Drive force [N] that each hypothesis predicts.", default_factory=dict
     )
     units: tuple[str, str] = stated("Units of position and force.")
+    _told = (*"name title description t reference force separates score tried cause".split(),)
 
     def _shown(self) -> list[str]:
         return [self.summary()]
@@ -91,11 +92,6 @@ class Experiment(Result):
         if left and self.separates:
             text += f" It leaves {', '.join(map(titles_of, left))} open."
         return rotary_words(text, self.units[1])
-
-    def to_dict(self) -> dict[str, Any]:
-        """Words and numbers, ready for JSON."""
-        left = ("positions", "drives", "units")
-        return {name: value for name, value in fields_of(self).items() if name not in left}
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write time, reference and force to a file for the bench.

@@ -27,6 +27,7 @@ import numpy as np
 from dryfric_control.compiled import axis_step
 from dryfric_control.export import entries
 from dryfric_control.model.effects.effect import read_by
+from dryfric_control.text import wrapped
 
 #: Passes of one search loop at most: none is met before its own end.
 MOST_PASSES = 1_000_000
@@ -135,6 +136,7 @@ KEYWORDS = frozenset(
     "inline int long register restrict return short signed sizeof static struct switch typedef "
     "union unsigned void volatile while _Bool _Complex _Imaginary bool true false".split()
 )
+_BUILTIN = {"min": min, "max": max, "abs": math.fabs, "int": int, "float": float, "bool": bool}
 _MATH = frozenset("exp expm1 sqrt sin cos tan tanh log erfc erf pow copysign atan2".split())
 #: Operations: sign, what Python makes of numbers that are known, and what they count as.
 _SIGNS: dict[type, tuple[str, Callable[..., Any], str]] = {
@@ -214,13 +216,11 @@ class Translator:
         if math.isinf(value):
             return "(real)INFINITY" if value > 0.0 else "-(real)INFINITY"
         if not self.single:
-            text = repr(float(value))
-            return text if "." in text or "e" in text else f"{text}.0"
+            return repr(float(value))
         near = float(np.float32(value)) if abs(value) < 3e38 else math.copysign(3e38, value)
         if value != 0.0 and abs(near) < 1.2e-38:
             near = math.copysign(1.2e-38, value)
-        text = f"{np.float32(near)!s}"
-        return (text if "." in text or "e" in text else f"{text}.0") + "f"
+        return f"{np.float32(near)!s}f"
 
     def type(self, kind: Kind) -> str:
         """A type in C."""
@@ -371,7 +371,7 @@ class _Body:
             if n not in self.dead
         ]
         lines = textwrap.wrap(comment, 97, subsequent_indent="   ", break_on_hyphens=False)
-        lines += [_wrapped(head), "{", *map(_wrapped, self.lines), "}\n"]
+        lines.append(wrapped([head, "{", *self.lines, "}\n"]))
         results = set(self.returned)
         return Function(
             self.name, "\n".join(lines), returns, used, self.pure, self.cost,
@@ -731,8 +731,7 @@ class _Body:
         if isinstance(node, ast.Name):
             if node.id in self.vars or node.id in self.bound:
                 return None
-            builtin = {"min": min, "max": max, "abs": abs, "int": int, "float": float, "bool": bool}
-            return self.globals.get(node.id, builtin.get(node.id))
+            return self.globals.get(node.id, _BUILTIN.get(node.id))
         if isinstance(node, ast.Attribute):
             owner = self.python_object(node.value)
             if isinstance(owner, ModuleType):
@@ -960,15 +959,13 @@ class _Body:
         if name in _MATH and all(v.known is not None for v in given):
             # Here, by the library of the kernels: a compiler rounds such a constant its own way.
             return self.constant(getattr(math, name)(*(v.known for v in given)), node)
-        self.cost["function"] += 1
-        text = ", ".join(v.text for v in given)
+        self.cost["function"] += name != "fabs"
+        text = f"{name}{suffix}({', '.join(v.text for v in given)})"
         if name in ("ceil", "floor"):
-            return Value(f"(int32_t){name}{suffix}({text})", INT, binds=_UNARY)
-        if name == "fabs":
-            return Value(f"fabs{suffix}({text})", F)
-        if name not in _MATH:
+            return Value(f"(int32_t){text}", INT, binds=_UNARY)
+        if name not in _MATH and name != "fabs":
             raise self.fail(node, f"math.{name} has no C here")
-        return Value(f"{name}{suffix}({text})", F)
+        return Value(text, F)
 
     def call(self, target: Any, given: list[Value], node: ast.Call, name: str = "") -> Value:
         """A call of another kernel."""
@@ -1085,19 +1082,6 @@ def _inside(node: ast.FunctionDef) -> set[str]:
     return found
 
 
-def _wrapped(line: str) -> str:
-    """A C line, broken where it is long."""
-    if len(line) <= 100:
-        return line
-    indent = line[: len(line) - len(line.lstrip())]
-    return "\n".join(
-        textwrap.wrap(
-            line.strip(), 100, initial_indent=indent, subsequent_indent=f"{indent}    ",
-            break_long_words=False, break_on_hyphens=False,
-        )
-    )  # fmt: skip
-
-
 # What numba or Python gives the kernels, in C ------------------------------------------
 
 
@@ -1108,11 +1092,6 @@ def _extreme(body: _Body, node: ast.Call, kernel: Any, name: str) -> Value:
     return functools.reduce(lambda a, b: body.call(kernel, [a, b], node, name), given)
 
 
-def _absolute(body: _Body, node: ast.Call) -> Value:
-    value = body.real(body.value(node.args[0]))
-    return Value(f"fabs{'f' if body.out.single else ''}({value.text})", F)
-
-
 def _to_int(body: _Body, node: ast.Call) -> Value:
     value = body.value(node.args[0])
     if value.known is not None:
@@ -1120,13 +1099,6 @@ def _to_int(body: _Body, node: ast.Call) -> Value:
     if value.kind == INT:
         return value
     return Value(f"(int32_t){value.within(_UNARY)}", INT, binds=_UNARY)
-
-
-def _to_float(body: _Body, node: ast.Call) -> Value:
-    value = body.value(node.args[0])
-    known = None if value.known is None else float(value.known)
-    real = body.real(value)
-    return Value(real.text, F, known, real.binds)
 
 
 def _further(body: _Body, node: ast.Call) -> Value:
@@ -1196,9 +1168,8 @@ def _task(body: _Body, node: ast.Call) -> Value:
 _SPECIAL: dict[Any, Callable[[_Body, ast.Call], Value]] = {
     min: lambda body, node: _extreme(body, node, entries.smaller, "dfc_min"),
     max: lambda body, node: _extreme(body, node, entries.larger, "dfc_max"),
-    abs: _absolute,
     int: _to_int,
-    float: _to_float,
+    float: lambda body, node: body.real(body.value(node.args[0])),
     axis_step.pointer: lambda body, node: body.value(node.args[0]),
     axis_step.further: _further,
     axis_step.spare_memory: _local,

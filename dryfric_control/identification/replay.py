@@ -152,6 +152,7 @@ class LoopReplay(Result):
     record: Record  # what was measured
     response: SimulationResponse  # what the model's loop did; outputs x, v, F, mode, u, y
     units: tuple[str, str]
+    _told = ("position_rms", "force_rms", "relative_force")
 
     @property
     def position_rms(self) -> float:
@@ -176,11 +177,6 @@ class LoopReplay(Result):
             f"{most}; drive force RMS error {self.force_rms:.3g} {self.units[1]} "
             f"({100 * self.relative_force:.2f} %)"
         ]
-
-    def to_dict(self) -> dict[str, float]:
-        """Numbers of the replay, ready for JSON."""
-        names = ("position_rms", "force_rms", "relative_force")
-        return {name: getattr(self, name) for name in names}
 
     @panels(3)
     def plot(self, axes: Any) -> str:

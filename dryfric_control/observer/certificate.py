@@ -8,8 +8,7 @@ factors of the Lyapunov matrices, so that no choice of units hides a violation.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -107,10 +106,6 @@ class Certificate(Result):
         yield f"decay {self.decay:.6g} per sample for every allowed switching"
         yield f"poles {', '.join(radii)}"
         yield f"check {len(self.blocks)} inequalities hold with margin {self.margin:.3g}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, ready for JSON."""
-        return asdict(self)
 
 
 def signed(mode: int) -> str:

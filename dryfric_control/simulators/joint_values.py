@@ -26,7 +26,7 @@ from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.friction_curve import net_force, usual_speed
 from dryfric_control.records.record import Record
-from dryfric_control.text import Result, documented, length_text, percent, plain_data, stated
+from dryfric_control.text import Result, documented, length_text, percent, stated
 from dryfric_control.units import powers
 
 # Sliding samples that are sufficient, and velocities and places that stand in for a record.
@@ -102,6 +102,7 @@ class SimulatorValues(Result):
     reduced: dict[str, FrictionAxis] = stated("The axes as far as the format states them.")
     messages: tuple[str, ...] = stated("Why the values are not certain.")
     files: tuple[Path, ...] = stated("Files that were written.")
+    _told = (*"values standard_errors lost friction_error free_runs messages files".split(),)
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         names = list(dict.fromkeys(n for values in self.values.values() for n in values))
@@ -121,15 +122,6 @@ class SimulatorValues(Result):
         yield from (f"warning: {message}" for message in self.messages)
         if self.files:
             yield f"written: {', '.join(path.name for path in self.files)}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Numbers and words, ready for JSON."""
-        found = vars(self) | {
-            "lost": [one._asdict() for one in self.lost],
-            "files": [str(path) for path in self.files],
-        }
-        del found["reduced"]
-        return dict(plain_data(found))
 
 
 def _with_error(value: Any, error: float | None) -> str:

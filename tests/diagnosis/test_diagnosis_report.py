@@ -786,4 +786,4 @@ def test_what_is_advised_next(found):
         messages=(f"{found.causes[0].effect}.any ended at a bound",),
     )  # fmt: skip
     assert any(one.startswith("Determine") for one in wording.next_steps(loose))
-    assert "does not determine them" in wording.verdict_meaning(loose)
+    assert "does not determine them" in html_summary(loose)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ from dryfric_control.records.record import Record
 from dryfric_control.text import (
     Result,
     documented,
-    fields_of,
     length_text,
     percent,
     rotary_words,
@@ -104,6 +103,7 @@ class Gain(Result):
     floor: float  # of the extended axis on a record that it made itself, read by the same encoder
     interval: tuple[float, float]  # 90 % block-bootstrap interval of `ratio`
     unit: str  # of the errors
+    _told = ("before", "after", "floor", "interval", "unit", "ratio", "left")
 
     @property
     def ratio(self) -> float:
@@ -131,10 +131,6 @@ class Gain(Result):
             return 1.0
         rest = max(self.after**2 - self.floor**2, 0.0)
         return min(math.sqrt(rest / (self.before**2 - self.floor**2)), 1.0) if rest else 0.0
-
-    def to_dict(self) -> dict[str, Any]:
-        """Numbers, ready for JSON."""
-        return fields_of(self) | {"ratio": self.ratio, "left": self.left}
 
 
 @dataclass(frozen=True, repr=False)

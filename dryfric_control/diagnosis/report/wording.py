@@ -162,25 +162,6 @@ def places_text(d: Findings) -> str:
     return "; ".join(said.values()) or "no clear location"
 
 
-# What each verdict means, for a reader who meets it for the first time.
-_MEANING = {
-    "nothing to find": "The simulation and the record differ by no more than noise.",
-    "explained": "With the causes below, free runs differ from the record by no more than noise.",
-    "partly explained": "The causes below are real, but they leave structure in the error.",
-    "unexplained": "The simulation is wrong, and no effect in the catalogue explains why.",
-}
-
-
-def verdict_meaning(d: Findings) -> str:
-    """The verdict in a sentence."""
-    if d.verdict == "partly explained" and not d.unexplained.significant:
-        return (
-            "With the causes below, free runs differ from the record by no more than noise, but "
-            "the record does not determine them: see the warnings, and the random force left."
-        )
-    return _MEANING.get(d.verdict, "")
-
-
 def next_steps(d: Findings) -> list[str]:
     """What to do with a diagnosis, a line each."""
     steps = []

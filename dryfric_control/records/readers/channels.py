@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import re
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 from unicodedata import combining, normalize
 
@@ -24,81 +26,31 @@ EXACT = 2**53  # beyond, float64 leaves whole numbers out
 #: Channels that are kept with a record beside those that it needs.
 EXTRAS = ("v", "a", "x2")
 
-# What a column is called, and how what was measured and what was asked for are marked: in languages
-# of Europe without accents, in Russian, Chinese, Japanese and Korean.
-_POSITION = ("x", "pos", "position", "q", "angle", "theta", "phi", "enc", "encoder", "weg",
-             "lage", "winkel", "hub", "stroke", "joint_position", "joint_pos", "joint_angle",
-             "axis_position", "posicion", "posizione", "posicao", "positie", "angulo", "angolo",
-             "hoek")  # fmt: skip
-_DRIVE = ("u", "i", "iq", "i_q", "current", "tau", "tau_j", "torque", "force", "effort", "voltage",
-          "pressure", "kraft", "moment", "drehmoment", "strom", "druck", "motor_current",
-          "motor_torque", "motor_force", "motor_voltage", "joint_torque", "pwm")  # fmt: skip
-_VELOCITY = ("v", "velocity", "vel", "speed", "omega", "dq", "qd", "qdot", "dq_dt",
-             "geschwindigkeit", "drehzahl", "vitesse", "velocidad", "velocita", "velocidade",
-             "snelheid", "速度")  # fmt: skip
-_ACCELERATION = ("a", "acceleration", "acc", "accel", "ddq", "qdd", "beschleunigung")
-_MEASURED = ("act", "actual", "actual_value", "meas", "measured", "msr", "fb", "feedback", "ist",
-             "istwert", "est", "estimate", "estimated", "present")  # fmt: skip
-_ASKED = ("cmd", "command", "commanded", "ref", "reference", "des", "desired", "set", "setpoint",
-          "sp", "target", "demand", "demand_value", "goal", "soll", "sollwert",
-          "input")  # fmt: skip
+# What a column is called.
+_SAID = tomllib.loads(Path(__file__).with_name("headings.toml").read_text(encoding="utf-8"))
 
 
-_JOINED = ("ist", "istwert", "soll", "sollwert")  # Istposition, Lagesollwert, Positionsistwert
-
-
-def _marked(stems: tuple[str, ...], marks: tuple[str, ...]) -> tuple[str, ...]:
+def _names(entry: str) -> tuple[str, ...]:
+    """Names that an entry of the file stands for: itself, or stems with or without marks."""
+    if entry[0] != "<":
+        return (entry,)
+    kind, _, mark = entry.strip("<>").partition(" ")
+    stems, marks, close = _SAID["stems"][kind], _SAID["marks"].get(mark), _SAID["marks"]["joined"]
+    if marks is None:
+        return tuple(stems)
     parted = (n for s in stems for m in marks for n in (f"{s}_{m}", f"{m}_{s}"))
-    joined = (n for s in stems if len(s) > 2 for m in marks if m in _JOINED
+    joined = (n for s in stems if len(s) > 2 for m in marks if m in close
               for n in (f"{s}{m}", f"{s}s{m}", f"{m}{s}"))  # fmt: skip
     return (*parted, *joined)
 
 
-#: Usual names of the channels, in lower case, words joined by "_"; the first group of which a
-#: source has a column decides.  A position that was asked for is the reference; a drive that was
-#: asked for is the input where none was measured.
+#: Usual names of the channels in groups, see the file.
 NAMES = {
-    "t": (("t", "time", "timestamp", "time_stamp", "zeit", "zeitstempel", "temps", "tiempo",
-           "tempo", "tijd", "seconds", "secs", "sec", "elapsed", "elapsed_time", "stamp", "ts",
-           "rosbag_timestamp", "tid", "czas", "cas", "zaman", "aika", "время", "时间", "時間",
-           "시간"),),
-    "u": (("u",),
-          ("input", "force", "torque", "vir", "effort", "command", "voltage", "current", "kraft",
-           "moment", "drehmoment", "couple", "fuerza", "forza", "forca", "kracht", "coppia",
-           "koppel", "sila", "siła", "kuvvet", "tork", "voima", "сила", "момент", "力", "力矩",
-           "扭矩", "转矩", "トルク", "토크"),
-          ("motor_current", "motor_torque", "drive_force", "motor_force"),
-          ("iq", "i_q", "tau", "tau_j", "eff", "motor_voltage", "joint_torque", "pwm", "duty",
-           "strom", "spannung", "stellgrosse", "stellgroesse", "courant", "corriente", "corrente",
-           "stroom", "pressure", "druck", "pression", "presion", "pressione", "voltage.q",
-           "current.q", "present_load", "电流", "電流", *_marked(_DRIVE, _MEASURED)),
-          ("tau_j_d", *_marked(_DRIVE, _ASKED))),
-    "x": (("x",),
-          ("position", "pos", "qm", "q", "angle", "theta", "y", "output", "weg", "lage", "winkel",
-           "drehwinkel", "hub", "posicion", "posizione", "posicao", "positie", "angulo", "angolo",
-           "hoek", "shaft_angle", "displacement", "stroke", "poloha", "połozenie", "konum", "asema",
-           "положение", "угол", "位置", "角度", "위치", "각도"),
-          (*_marked(_POSITION, _MEASURED), "joint_position", "joint_pos", "joint_angle",
-           "axis_position", "phi"),
-          ("counts", "encoder", "encoder_counts", "encoder_position", "enc", "enc_pos",
-           "shadow_count")),
-    "reference": (("reference",),
-                  ("ref", "r", "qg", "goal", "goal_position", "setpoint", "target", "x_ref",
-                   "xref", "desired", "soll", "sollwert", "consigne", "q_d", "x_d", "pos_d"),
-                  _marked(_POSITION, _ASKED)),
-    "v": ((*_VELOCITY, "shaft_velocity"), _marked(_VELOCITY, _MEASURED)),
-    "a": (_ACCELERATION, _marked(_ACCELERATION, _MEASURED)),
-    "x2": (("x2", "second_encoder", "encoder2", "load_position", "x_load", "motor_position",
-            "x_motor"),),
-    "good": (("good",),),
-}  # fmt: skip
+    role: tuple(tuple(n for entry in group for n in _names(entry)) for group in groups)
+    for role, groups in _SAID["channels"].items()
+}
 _ROLES = {n: role for role, groups in NAMES.items() for names in groups for n in names}
-# Words that say of which machine a channel is; letters that programmers put before a name.
-_FILLING = {"joint", "joints", "axis", "axes", "j", "jnt", "achse", "gelenk", "motor", "servo",
-            "link", "drive", "actuator", "state", "states", "value", "wert", "main", "gvl",
-            "encoder", "controller", "nm"}  # fmt: skip
-_PREFIXES = {"f", "lr", "n", "l", "r"}
-_LETTERS = ("q", "u", "i", "v")  # in a name with parts
+_FILLING, _PREFIXES, _LETTERS = map(set, _SAID["parts"].values())
 
 _BRACKETS = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
@@ -196,7 +148,7 @@ def _part(parts: list[str], k: int) -> tuple[str, str, str] | None:
     """Meaning of the k-th part of a name; what follows is the joint, or a number in it."""
     words = re.findall(r"[^\W\d_]+|\d+", worded(parts[k - 1]))
     numbers = [w for w in words if w.isdigit()]
-    if len(words) > 2 and words[1].isdigit() and words[0] in _POSITION:
+    if len(words) > 2 and words[1].isdigit() and words[0] in _SAID["stems"]["position"]:
         words = words[2:]  # q3_tau: the torque of a joint that is called q3
     words = [w for w in words if not w.isdigit() and w not in _FILLING]
     for stem in ("_".join(words), "_".join(words[1:] if set(words[:1]) & _PREFIXES else ())):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Any
 from dryfric_control.checks import instance, positive
 from dryfric_control.diagnosis.diagnose import diagnose, run_cases
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
+from dryfric_control.diagnosis.report.findings import with_error
 from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge, declared, values_of
 from dryfric_control.estimation.plausibility import checked_records
@@ -85,7 +85,7 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
         head = ("joint", "verdict", "causes", "free runs", *BASE, "further parameters")
         rows: list[tuple[str, ...]] = [head]
         for joint, d in self.diagnoses.items():
-            numbers = {n: _number(*one) for n, one in self.parameters(joint).items()}
+            numbers = {n: with_error(*one) for n, one in self.parameters(joint).items()}
             further = [f"{n} {one}".rstrip() for n, one in numbers.items() if n not in BASE]
             runs = " -> ".join(length_text(v, d.gain.unit) for v in (d.gain.before, d.gain.after))
             causes = ", ".join(cause.effect for cause in d.causes)
@@ -98,13 +98,6 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
     def to_dict(self) -> dict[str, Any]:
         """`Diagnosis.to_dict` of each joint."""
         return {joint: d.to_dict() for joint, d in self.diagnoses.items()}
-
-
-def _number(value: float, error: float | None, unit: str) -> str:
-    text = f"{value:.4g}"
-    if error is not None:
-        text += f" +- {error:.1g}" if math.isfinite(error) else " (undetermined)"
-    return text if unit == "1" else f"{text} {unit}"
 
 
 def diagnose_joints(

@@ -111,7 +111,7 @@ class SimulatorValues(Result):
             errors = self.standard_errors[joint]
             axis = self.reduced[joint]
             runs = [length_text(one, axis.units[0]) for one in self.free_runs.get(joint, ())]
-            numbers = [_with_error(values.get(n, ""), errors.get(n)) for n in names]
+            numbers = [_number(values.get(n, ""), errors.get(n)) for n in names]
             off = _error_text(self.friction_error[joint], axis.units[1])
             rows.append((joint, *numbers, off, " -> ".join(runs) or "no record"))
         yield rows
@@ -124,12 +124,10 @@ class SimulatorValues(Result):
             yield f"written: {', '.join(path.name for path in self.files)}"
 
 
-def _with_error(value: Any, error: float | None) -> str:
-    if not isinstance(value, float):
-        return str(value) if isinstance(value, str) else f"{len(value)} rows"
-    if error is None:
-        return f"{value:.4g}"
-    return with_error(value, error)
+def _number(value: Any, error: float | None) -> str:
+    if isinstance(value, float):
+        return with_error(value, error)
+    return value if isinstance(value, str) else f"{len(value)} rows"
 
 
 def _error_text(error: float, unit: str) -> str:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import functools
-import hashlib
-import itertools
 import json
 import multiprocessing
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -106,42 +104,32 @@ def run_batch(
 
 def fingerprint(*values: Any, without: tuple[type, ...] = ()) -> str:
     """Short text of what values hold, or of their pickles; classes `without` are passed over."""
-    digest = hashlib.sha256()
-    for part in _parts(values, without):
-        digest.update(len(part).to_bytes(8, "little") + part)
-    return digest.hexdigest()[:16]
+    return str(joblib.hash(_held(values, without)))[:16]
 
 
-def _parts(value: Any, without: tuple[type, ...]) -> Iterator[bytes]:
+def _held(value: Any, without: tuple[type, ...]) -> Any:
+    """What a value holds, alike for two that hold the same."""
     if isinstance(value, without):
-        return
+        return None
     if is_dataclass(value) and not isinstance(value, type):
         # By its fields: an object may also hold what it has worked out from them.
-        held = {item.name: getattr(value, item.name) for item in fields(value)}
-        yield type(value).__qualname__.encode()
-        yield from _parts(held, without)
-    elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
-        yield f"array {value.dtype.str} {value.shape}".encode()
-        yield np.ascontiguousarray(value).tobytes()
-    elif isinstance(value, (Mapping, tuple, list)):
-        kind, items = "sequence", iter(value)
-        if isinstance(value, Mapping):
-            kind, items = "mapping", itertools.chain.from_iterable(value.items())
-        yield f"{kind} {len(value)}".encode()
-        for one in items:
-            yield from _parts(one, without)
-    elif isinstance(value, np.generic):
-        yield from _parts(value.item(), without)
-    elif isinstance(value, (str, int, float, type(None))):
-        yield repr(value).encode()
-    else:
-        try:
-            yield joblib.hash(value).encode()
-        except Exception as problem:  # whatever its own way of being pickled raises
-            raise ValueError(
-                f"store: results for {value!r} cannot be kept, as it cannot be pickled "
-                f"({problem}); make it an object of a class that a module defines"
-            ) from None
+        held = [_held(getattr(value, item.name), without) for item in fields(value)]
+        return type(value).__qualname__, held
+    if isinstance(value, Mapping):
+        return {key: _held(one, without) for key, one in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_held(one, without) for one in value]
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        return np.array(value, order="C")
+    if isinstance(value, (np.generic, str, int, float, type(None))):
+        return value.item() if isinstance(value, np.generic) else value
+    try:
+        return joblib.hash(value)
+    except Exception as problem:  # whatever its own way of being pickled raises
+        raise ValueError(
+            f"store: results for {value!r} cannot be kept, as it cannot be pickled "
+            f"({problem}); make it an object of a class that a module defines"
+        ) from None
 
 
 def _text(name: str, value: Any) -> str:

@@ -243,9 +243,11 @@ def believed_values(axis: FrictionAxis, cause: Cause) -> dict[str, float]:
     return dict(zip(cause.parameters, map(float, values), strict=True))
 
 
-def with_error(value: float, error: float, unit: str = "1") -> str:
-    """A value and its standard error with two digits; an infinite one leaves it open."""
+def with_error(value: float, error: float | None, unit: str = "1") -> str:
+    """A value and its standard error, if any, with two digits; an infinite one leaves it open."""
     unit = "" if unit == "1" else f" {unit}"
+    if error is None:
+        return f"{value:.4g}{unit}"
     if not math.isfinite(error):
         return f"{value:.3g}{unit} (undetermined)"
     if error <= 0.0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, fields
+from dataclasses import MISSING, fields
 from typing import Any
 
 from dryfric_control.checks import instance, known_keys
@@ -14,7 +14,7 @@ from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.store.files import read_toml, write_file
-from dryfric_control.text import plain_data
+from dryfric_control.text import fields_of
 from dryfric_control.units import axis_units
 
 _KEYS = tuple(item.name for item in fields(FrictionAxis))
@@ -128,10 +128,9 @@ def axis_text(axis: FrictionAxis, record: Mapping[str, Any] | None = None) -> st
 
 def axis_to_dict(axis: FrictionAxis) -> dict[str, Any]:
     """An axis as numbers, texts, lists and dicts, ready for any file format."""
-    data = {key: value for key, value in asdict(axis).items() if value is not None}
-    effects = zip(axis.effects, data.pop("effects"), strict=True)
-    data["effects"] = [{"effect": effect.slug} | own for effect, own in effects]
-    return dict(plain_data(data))
+    data = {key: value for key, value in fields_of(axis).items() if value is not None}
+    data["effects"] = data.pop("effects")
+    return data
 
 
 def _toml(value: Any) -> str:

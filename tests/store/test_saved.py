@@ -12,6 +12,7 @@ import dryfric_control as dfc
 from dryfric_control.diagnosis import Experiment
 from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.diagnosis.report.findings import Gain, Unexplained
+from dryfric_control.store.axis_file import axis_from_dict
 from dryfric_control.store.saved import Saved, write_document
 
 T = 1e-3 * np.arange(3000)
@@ -96,6 +97,13 @@ MADE = {
 def made(kind):
     """One of a kind, made once."""
     return MADE[kind][0]()
+
+
+@pytest.mark.parametrize("kind", ["observer", "compensation of effects"])
+def test_plain_data_of_a_design_is_json_and_its_axis_reads_back(kind):
+    one = made(kind)
+    data = json.loads(json.dumps(one.to_dict()))
+    assert axis_from_dict(data["axis"]) == one.axis
 
 
 @pytest.mark.parametrize("kind", MADE)

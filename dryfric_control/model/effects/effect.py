@@ -17,7 +17,7 @@ from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, one_of, positive, string
 from dryfric_control.compiled.axis_step import LAW
 from dryfric_control.model.effects.columns import Column, View, by_law
-from dryfric_control.text import list_in_docstring
+from dryfric_control.text import fields_of, list_in_docstring
 from dryfric_control.units import on_axis
 
 if TYPE_CHECKING:
@@ -444,6 +444,10 @@ class Effect:
         units : tuple of str
         """
         return ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Id and parameters, ready for JSON."""
+        return {"effect": self.slug} | fields_of(self)
 
     def describe(self, units: tuple[str, str] = ("m", "N")) -> str:
         """Id and parameters with units, in one line.

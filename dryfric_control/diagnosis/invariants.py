@@ -13,7 +13,6 @@ from dryfric_control.diagnosis.candidates import amounts, placed
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.thresholds import LEAST
 from dryfric_control.estimation.force_residual import applied
-from dryfric_control.estimation.random_force import long_run
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
@@ -77,8 +76,8 @@ def _loss(fit: Solution, name: str, neutral: float) -> float:
     return problem.tried(np.clip(z, problem.low, problem.high)).cost - fit.cost
 
 
-def inconstancy(fit: Solution, own: Sequence[str]) -> float:
-    """Log-likelihood that a cause would gain if it differed between the halves of each record.
+def in_each_half(fit: Solution, own: Sequence[str]) -> float:
+    """Log-likelihood that a cause gains if it may differ between the halves of each record.
 
     By the slopes of both halves, the other parameters of which are free to differ, too.
     """
@@ -101,7 +100,7 @@ def inconstancy(fit: Solution, own: Sequence[str]) -> float:
             step = np.linalg.lstsq(unit, g[index] / size, rcond=1e-9)[0]
             sign = 1.0 if index.size > rest.size else -1.0
             gain += sign * 0.5 * float(g[index] @ (step / size))
-    return gain / long_run(fit)
+    return gain
 
 
 def in_free_runs(problem: Problem, less: Solution, more: Solution) -> tuple[float, float]:

@@ -19,7 +19,12 @@ from dryfric_control.diagnosis.candidates import (
     with_effect,
 )
 from dryfric_control.diagnosis.gram import Gram, Proposal, raised
-from dryfric_control.diagnosis.invariants import impossible, in_free_runs, inconstancy, unsound
+from dryfric_control.diagnosis.invariants import (
+    impossible,
+    in_each_half,
+    in_free_runs,
+    unsound,
+)
 from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
@@ -280,7 +285,30 @@ class Search:
             if row is None:
                 break
             now = self.opened(self.pruned(Model(row.fit, (*now.causes, *row.names))))
+        return self.constant(now)
+
+    def constant(self, now: Model) -> Model:
+        """The model without causes that differ between the halves of the records, worst first.
+
+        Only of the whole model: what is still missing there makes the others differ.
+        """
+        while now.causes and not self.problem.late:
+            differs = {n: self._differs(now, n) for n in now.causes}
+            worst = max(differs, key=differs.__getitem__)
+            if differs[worst] <= SAME**2:
+                return now
+            now = self.pruned(self.without(now, worst))
         return now
+
+    def _differs(self, now: Model, name: str) -> float:
+        """What a cause gains by being another one in each half, over what data say for it."""
+        gain = in_each_half(now.fit, now.own(name))
+        if gain <= LEAST * long_run(now.fit):
+            return 0.0
+        less = self.without(now, name).fit
+        brought = less.cost - prior_of(less) - now.fit.cost + prior_of(now.fit)
+        # What the base does as well is told from it by the prior alone.
+        return gain / brought if brought > LEAST else 0.0
 
     def opened(self, now: Model) -> Model:
         """The model with what its causes have held free, or in another form, if likelier."""
@@ -632,8 +660,6 @@ class Search:
             alone = max(STRONG, OUTSTANDING * most)
             for name in now.causes:
                 if unsound(self.problem, now.fit, name, now.own(name)):
-                    lost.append(name)
-                elif inconstancy(now.fit, now.own(name)) > max(LEAST, SAME**2 * worth[name]):
                     lost.append(name)
                 elif worth[name] < alone and not self._seen(self._less[name].fit, now.fit):
                     lost.append(name)

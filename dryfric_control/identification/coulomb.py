@@ -290,6 +290,8 @@ def _along_the_way(pieces: crawl.Pieces, travel: tuple[float, float]) -> tuple[f
     basis = legendre.legvander(crawl.inner(pieces.x, travel), 3)
     columns = [basis * (pieces.direction == s)[:, None] for s in (1, -1)]
     table = np.column_stack([*columns, pieces.v, pieces.rise])
-    root = np.sqrt(pieces.way)
-    found = np.linalg.lstsq(table * root[:, None], pieces.u * root, rcond=None)[0]
+    # Columns of size 1: least squares cuts what is small beside the largest, whatever its unit.
+    size = np.maximum(np.max(np.abs(table), axis=0), 1e-300)
+    root = np.sqrt(pieces.way / pieces.way.sum())
+    found = np.linalg.lstsq(table / size * root[:, None], pieces.u * root, rcond=None)[0] / size
     return float(found[-2]), float(found[-1])

@@ -150,6 +150,14 @@ def prior_of(fit: Solution) -> float:
     return fit.problem.prior(fit.z)
 
 
+def _differs(less: Solution, more: Solution, own: Sequence[str]) -> bool:
+    """Whether a cause of these parameters is another one in each half of the records."""
+    gain = in_each_half(more, own)
+    brought = less.cost - prior_of(less) - more.cost + prior_of(more)
+    # What the base does as well is told from it by the prior alone.
+    return brought > LEAST and gain > max(LEAST * long_run(more), SAME**2 * brought)
+
+
 def dearest(fit: Solution) -> float:
     """What the most surprising base parameter of a fit costs alone."""
     problem, nominal = fit.problem, fit.z.copy()
@@ -285,30 +293,7 @@ class Search:
             if row is None:
                 break
             now = self.opened(self.pruned(Model(row.fit, (*now.causes, *row.names))))
-        return self.constant(now)
-
-    def constant(self, now: Model) -> Model:
-        """The model without causes that differ between the halves of the records, worst first.
-
-        Only of the whole model: what is still missing there makes the others differ.
-        """
-        while now.causes and not self.problem.late:
-            differs = {n: self._differs(now, n) for n in now.causes}
-            worst = max(differs, key=differs.__getitem__)
-            if differs[worst] <= SAME**2:
-                return now
-            now = self.pruned(self.without(now, worst))
         return now
-
-    def _differs(self, now: Model, name: str) -> float:
-        """What a cause gains by being another one in each half, over what data say for it."""
-        gain = in_each_half(now.fit, now.own(name))
-        if gain <= LEAST * long_run(now.fit):
-            return 0.0
-        less = self.without(now, name).fit
-        brought = less.cost - prior_of(less) - now.fit.cost + prior_of(now.fit)
-        # What the base does as well is told from it by the prior alone.
-        return gain / brought if brought > LEAST else 0.0
 
     def opened(self, now: Model) -> Model:
         """The model with what its causes have held free, or in another form, if likelier."""
@@ -659,9 +644,12 @@ class Search:
             most = max((w for w in worth.values() if math.isfinite(w)), default=0.0)
             alone = max(STRONG, OUTSTANDING * most)
             for name in now.causes:
+                less = self._less[name].fit
                 if unsound(self.problem, now.fit, name, now.own(name)):
                     lost.append(name)
-                elif worth[name] < alone and not self._seen(self._less[name].fit, now.fit):
+                elif _differs(less, now.fit, now.own(name)):
+                    lost.append(name)
+                elif worth[name] < alone and not self._seen(less, now.fit):
                     lost.append(name)
             if not lost:
                 return Model(now.fit, now.causes, worth)

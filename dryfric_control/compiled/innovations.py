@@ -251,7 +251,7 @@ def _settle(plant, t, dt, memory, u, y, k, alike):
     """
     n, inverse = y.shape[0], plant.numbers[step.INVERSE_MASS]
     level = step.base_level(plant, y[k], 1.0)
-    w = 1
+    w = min(FIRST, max((n - 1) // 2, 1))
     while alike > _SEEN * level * inverse * (w * dt) ** 2 and w <= _LONGEST * FIRST and 8 * w < n:
         w *= 2
     a = min(max(k - w, 0), max(n - 1 - 2 * w, 0))

@@ -485,12 +485,12 @@ def test_a_force_that_repeats_within_an_increment_is_refused_before_it_is_follow
         problem.at(problem.start())
 
 
-@pytest.mark.parametrize("start", [6.5e-5, 8e-5, 1.2e-4])
-def test_a_contact_that_switches_at_other_samples_with_every_step_is_fitted(start):
-    """Inner states are set from the fewest readings that show the motion, so the cost is smooth.
+@pytest.mark.parametrize("start", [4.9e-5, 7.88e-5, 8e-5])
+def test_a_rough_cost_ends_where_no_point_around_is_lower(start):
+    """Contacts stick and slide at other samples with every step: slopes are no guide.
 
-    Set from five readings on either side, it had ridges of 25 to 840 units.  From a distance
-    below 0.9 of the true one (6.07e-5) the search ends in another minimum.
+    By slopes alone the search ends 25 to 840 units higher.  From other starts it ends in another
+    minimum, with half the random force and 50 standard errors off: too far to look for.
     """
     case = truth.make_case("presliding", 12, "decimated")
     ((_, values),) = case.truth.items()
@@ -503,5 +503,5 @@ def test_a_contact_that_switches_at_other_samples_with_every_step_is_fitted(star
     problem = Likelihood(axis.replace(effects=(dfc.effects.Presliding(start),)), names, runs)
     found = maximise(problem, problem.start(1.0))
     assert found.converged
-    assert found.cost < maximise(known, known.start(1.0)).cost - 25.0
+    assert found.cost < maximise(known, known.start(1.0)).cost - 50.0
     assert found.values()["presliding.distance"] == pytest.approx(values["distance"], rel=0.005)

@@ -76,33 +76,6 @@ def _loss(fit: Solution, name: str, neutral: float) -> float:
     return problem.tried(np.clip(z, problem.low, problem.high)).cost - fit.cost
 
 
-def in_each_half(fit: Solution, own: Sequence[str]) -> float:
-    """Log-likelihood that a cause gains if it may differ between the halves of each record.
-
-    By the slopes of both halves, the other parameters of which are free to differ, too.
-    """
-    problem = fit.problem
-    if not fit.gradients.size:
-        return 0.0
-    late = np.concatenate([
-        np.arange(r.edges.size - 1) >= (r.edges.size - 1) // 2 for r in problem.runs
-    ])  # fmt: skip
-    names = np.array(problem.names)
-    mine = np.flatnonzero(np.isin(names, own))
-    rest = np.flatnonzero(~np.isin(names, own))
-    gain = 0.0
-    for half in (late, ~late):
-        g, h = fit.gradients[half].sum(axis=0), fit.information[half].sum(axis=0)
-        h = h + np.diag(1e-9 * np.diag(h) + 1e-300)
-        for index in (np.concatenate((rest, mine)), rest):
-            size = np.sqrt(np.diag(h)[index])
-            unit = h[np.ix_(index, index)] / np.outer(size, size)
-            step = np.linalg.lstsq(unit, g[index] / size, rcond=1e-9)[0]
-            sign = 1.0 if index.size > rest.size else -1.0
-            gain += sign * 0.5 * float(g[index] @ (step / size))
-    return gain
-
-
 def in_free_runs(problem: Problem, less: Solution, more: Solution) -> tuple[float, float]:
     """Fall of the mean score of unseen free runs that a cause brings, and its standard error."""
     falls = []

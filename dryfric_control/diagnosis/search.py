@@ -19,12 +19,7 @@ from dryfric_control.diagnosis.candidates import (
     with_effect,
 )
 from dryfric_control.diagnosis.gram import Gram, Proposal, raised
-from dryfric_control.diagnosis.invariants import (
-    impossible,
-    in_each_half,
-    in_free_runs,
-    unsound,
-)
+from dryfric_control.diagnosis.invariants import impossible, in_free_runs, unsound
 from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
@@ -39,7 +34,6 @@ from dryfric_control.diagnosis.thresholds import (
     NOTED,
     OUTSTANDING,
     PROPOSALS,
-    SAME,
     SLACK,
     STRONG,
     WALKED,
@@ -148,14 +142,6 @@ def cost_of(fit: Solution) -> float:
 def prior_of(fit: Solution) -> float:
     """Prior cost of a fit."""
     return fit.problem.prior(fit.z)
-
-
-def _differs(less: Solution, more: Solution, own: Sequence[str]) -> bool:
-    """Whether a cause of these parameters is another one in each half of the records."""
-    gain = in_each_half(more, own)
-    brought = less.cost - prior_of(less) - more.cost + prior_of(more)
-    # What the base does as well is told from it by the prior alone.
-    return brought > LEAST and gain > max(LEAST * long_run(more), SAME**2 * brought)
 
 
 def dearest(fit: Solution) -> float:
@@ -644,12 +630,9 @@ class Search:
             most = max((w for w in worth.values() if math.isfinite(w)), default=0.0)
             alone = max(STRONG, OUTSTANDING * most)
             for name in now.causes:
-                less = self._less[name].fit
                 if unsound(self.problem, now.fit, name, now.own(name)):
                     lost.append(name)
-                elif _differs(less, now.fit, now.own(name)):
-                    lost.append(name)
-                elif worth[name] < alone and not self._seen(less, now.fit):
+                elif worth[name] < alone and not self._seen(self._less[name].fit, now.fit):
                     lost.append(name)
             if not lost:
                 return Model(now.fit, now.causes, worth)

@@ -135,19 +135,3 @@ def test_a_cause_acts_within_the_travel_of_the_record(fitted):
     x = problem.runs[0].record.x
     rest = likelihood.axis_at(likelihood.start()).effects[0].rest
     assert x.max() < rest < x.max() + 0.2 * np.ptp(x)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("until", [3.0, 6.0])
-def test_a_cause_acts_in_both_halves_of_a_record(until):
-    # A force that is there in one half is not periodic, though sines would describe it.
-    t = 1e-3 * np.arange(6000)
-    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
-    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    push = 2.0 * np.sin(2.0 * np.pi * 3.3 * t) * (t < until)
-    x = 1e-6 * np.round(1e6 * axis.simulate(u + push, dt=1e-3).y[0])
-    found = asked(axis, dfc.Record(t, u, x), candidates=("time_periodic", "cogging", "spring"))
-    if until < t[-1]:
-        assert (found.verdict, found.causes) == ("unexplained", ())
-    else:
-        assert (found.verdict, causes(found)) == ("explained", ["time_periodic"])

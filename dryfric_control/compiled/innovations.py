@@ -578,13 +578,14 @@ def _across(m, on_load, x, v, moved, turned):
 
 @step.internal
 def _not_as_predicted(
-    plant, m, t, dt, end, y, k, stood, alike, gives, fast, reading, spot, kept, strained, x, v, e,
-    p, g, d,
+    plant, m, cov, strain, t, dt, end, y, k, stood, alike, gives, fast, reading, spot, kept,
+    strained, x, v, e, p, g, d,
 ):  # fmt: skip
     """State and covariance where several readings in a row contradict the prediction.
 
     `stood`: number of samples without motion.  Returns the variance of the reading, whether the
-    axis is kept at rest, whether a contact sticks, the state, the innovation, and the covariance.
+    axis is kept at rest, whether a contact sticks, the state, the innovation, and the covariance;
+    that of two masses, `cov`, is set.
     """
     if plant.integers[step.STRUCTURE] != 0:
         # The inner states were wrong: set them from the readings.
@@ -594,6 +595,7 @@ def _not_as_predicted(
         m[step.MODE] = 0.0
         if v == 0.0:
             m[step.REST] = _stayed(y, k, gives) * dt
+        two_masses.joined(cov, spot, off * off, strain, 1.0)
         if fast:
             return reading, kept, False, x, v, 0.0, off * off, 0.0, spot
         return 0.0, kept, False, x, v, 0.0, spot, 0.0, off * off
@@ -858,11 +860,9 @@ def _innovations(
             if row == _IN_A_ROW:
                 row = 0
                 noise, kept, strained, x, v, e, p, g, d = _not_as_predicted(
-                    plant, m, t, dt, end, y, k, k - still, alike, gives, fast, reading, spot,
-                    kept, strained, x, v, e, p, g, d,
+                    plant, m, cov, strain, t, dt, end, y, k, k - still, alike, gives, fast,
+                    reading, spot, kept, strained, x, v, e, p, g, d,
                 )  # fmt: skip
-                if structure != 0:
-                    two_masses.joined(cov, spot, d if not fast else p, strain, 1.0)
             elif ratio > DOUBTED:
                 noise = reading * ratio / DOUBTED
             if spring:

@@ -165,7 +165,7 @@ def test_a_spring_beside_a_force_of_each_record_has_no_rest_of_its_own() -> None
     for i, (level, force) in enumerate(((5.4, 0.5), (8.8, -1.0))):
         r = walked(level, seed=i)
         records.append(r.replace(u=r.u + force + 40.0 * r.x))
-    with among("bias_force", "spring", "cogging"):  # contacts: with the level of each record
+    with among("bias_force", "spring", "presliding", "cogging"):
         d = asked(records)
     assert [cause.effect for cause in d.causes] == ["spring"]
     assert d.causes[0].parameters == {"stiffness": pytest.approx(40.0, rel=0.05)}

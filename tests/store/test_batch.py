@@ -256,10 +256,12 @@ def test_the_same_call_on_a_dask_cluster(design, plain, tmp_path):
         assert addresses == {"127.0.0.1"}
         before = client.run(os.getpid)
         with joblib.parallel_config(backend="dask"):
+            on_cluster = scores(design)
             stored = scores(design, store=store)
             pids = dfc.run_batch(_pid, dict(enumerate(range(8))), progress=False)
         # It was the workers that ran.
         assert set(pids.values()) <= set(before.values())
+    assert on_cluster.tobytes() == plain.tobytes()
     assert stored.tobytes() == plain.tobytes()
     assert len(lines(store)) == 1 + RUNS
 

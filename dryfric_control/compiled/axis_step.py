@@ -104,8 +104,9 @@ SHORT_WAY, SHORT_TIME, ALLOWED, BEHIND, BRISTLES, COULOMB = range(15, 21)
 RULE, N_PLUS, N_MINUS, N_INPUT, N_FORCE, N_PLACE, N_LEVEL, N_HISTORY = range(8)
 STRUCTURE, N_NUMBERS, RIGID_TASK, TASK, N_PEAKED, N_READING, N_CARRIED, LAWS = range(8, 16)
 
-#: Flags of STRUCTURE, to be added; ON_LOAD: the encoder is on the load.
-CONTACT, PLAY, SPRING, ON_LOAD = 1, 2, 4, 8
+#: Flags of STRUCTURE, to be added; ON_LOAD: the encoder is on the load; MOTOR_RUBS: of two masses on
+#: a spring the motor has the friction, and all forces.
+CONTACT, PLAY, SPRING, ON_LOAD, MOTOR_RUBS = 1, 2, 4, 8, 16
 ADVANCE, _LOOK, SETTLE = 0, 1, 2
 
 #: Indices in the memory of an axis; the delay line follows.

@@ -36,7 +36,10 @@ _HARD = 1e3
 
 
 class Masses(NamedTuple):
-    """Position and velocity of the motor, and of the load; the same of one mass."""
+    """Position and velocity of the motor, and of the load; the same of one mass.
+
+    Where the motor rubs, they change places: the second mass is always the one with friction.
+    """
 
     x: float
     v: float
@@ -69,11 +72,14 @@ def _load_side(plant):
 
 @step.internal(forceinline=True)
 def _transmitted(side, drive, tau, at):
-    """Force on the load: of the spring between two masses, or of the drive."""
-    if side.integers[step.STRUCTURE] & step.SPRING:
+    """Force on the mass with friction: of the spring between two masses, of the drive, or both."""
+    kind, force = side.integers[step.STRUCTURE], 0.0
+    if kind & step.SPRING:
         stiffness, damping = side.numbers[step.STIFFNESS], side.numbers[step.DAMPING]
-        return stiffness * (at.x - at.y) + damping * (at.v - at.p)
-    return step.drive_force(drive, tau)
+        force = stiffness * (at.x - at.y) + damping * (at.v - at.p)
+    if not kind & step.SPRING or kind & step.MOTOR_RUBS:
+        force += step.drive_force(drive, tau)
+    return force
 
 
 @step.internal(forceinline=True)
@@ -453,21 +459,23 @@ def _phase_after(side, drive, t0, tau, at, strain, mode, rest, flips, moved):
 
 
 @step.internal(forceinline=True)
-def _masses(memory, two):
+def _masses(memory, two, rubs):
     """The masses as memory has them; those of one mass are alike."""
     x, v = memory[step.X], memory[step.V]
-    if two:
-        return Masses(x, v, x + memory[step.OFFSET], v + memory[step.SLIP])
-    return Masses(x, v, x, v)
+    if not two:
+        return Masses(x, v, x, v)
+    y, p = x + memory[step.OFFSET], v + memory[step.SLIP]
+    return Masses(y, p, x, v) if rubs else Masses(x, v, y, p)
 
 
 @step.internal
 def _advance_inner(side, drive, t0, h, memory, events, count):
     """Move one mass on an elastic contact, or two on a spring; `side`: with the one that rubs."""
     two = side.integers[step.STRUCTURE] & step.SPRING != 0
+    rubs = side.integers[step.STRUCTURE] & step.MOTOR_RUBS != 0
     contact = side.integers[step.STRUCTURE] & step.CONTACT != 0
     stiffness, sigma = side.numbers[step.CONTACT_STIFFNESS], side.numbers[step.STICK_SPEED]
-    mode, rest, at = int(memory[step.MODE]), memory[step.REST], _masses(memory, two)
+    mode, rest, at = int(memory[step.MODE]), memory[step.REST], _masses(memory, two, rubs)
     first, p, z, friction, m1, k1 = _begin_inner(
         side, drive, t0, at, memory[step.DEFLECTION], mode, rest
     )
@@ -475,7 +483,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
     if first != mode:
         step.record(events, count, t0, mode, first)
         mode, rest = first, 0.0
-    seen = at.v if two else p
+    seen = at.v if two and not rubs else p
     strain, bristles = Strain(at.y, z, 0.0), _bristles(side)
     if bristles:
         strain, mode = _bending(side, drive, t0, 0.0, at, z, mode, rest)
@@ -572,11 +580,12 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         memory[step.DEFLECTION] = z
     elif mode == 0 and abs(p) < 1e-9 * sigma:
         p = 0.0
-    if two:
+    memory[step.X], memory[step.V] = at.y, p
+    if rubs:
+        memory[step.OFFSET], memory[step.SLIP] = at.x - at.y, at.v - p
+    elif two:
         memory[step.X], memory[step.V] = at.x, at.v
         memory[step.OFFSET], memory[step.SLIP] = at.y - at.x, p - at.v
-    else:
-        memory[step.X], memory[step.V] = at.y, p
     memory[step.MODE], memory[step.REST] = _open(mode), rest
     return seen, friction, first
 
@@ -618,7 +627,7 @@ def _state_of_load(memory, scratch):
 @step.internal
 def _seen_one(plant, drive, t, state):
     """Mode, velocity, friction force and acceleration of one mass at the start."""
-    mode, rest, at = int(state[step.MODE]), state[step.REST], _masses(state, False)
+    mode, rest, at = int(state[step.MODE]), state[step.REST], _masses(state, False, False)
     if plant.integers[step.STRUCTURE] & step.CONTACT:
         z = state[step.DEFLECTION]
         mode, p, _, friction, _, rate = _begin_inner(plant, drive, t, at, z, mode, rest)
@@ -875,7 +884,7 @@ def _settle(plant, force, t, memory):
     memory[step.OFFSET], memory[step.SLIP], memory[step.DEFLECTION] = 0.0, 0.0, 0.0
     if kind & step.PLAY:
         memory[step.OFFSET] = -half if force >= 0.0 else half
-    if kind & step.SPRING:
+    if kind & step.SPRING and not kind & step.MOTOR_RUBS:
         memory[step.OFFSET] = -force / plant.numbers[step.STIFFNESS]
     if kind & step.CONTACT:
         y, v = memory[step.X] + memory[step.OFFSET], memory[step.V]
@@ -895,7 +904,8 @@ def _inner_task(
     if task == step.SETTLE:
         _settle(plant, start, t0, memory)
         return
-    play, two = integers[step.STRUCTURE] & step.PLAY, integers[step.STRUCTURE] & step.SPRING != 0
+    kind = integers[step.STRUCTURE]
+    play, two, rubs = kind & step.PLAY, kind & step.SPRING != 0, kind & step.MOTOR_RUBS != 0
     side = _load_side(plant) if two else plant
     if task == step.ADVANCE and play:
         v, friction, mode = _advance_play(plant, drive, t0, h, memory, events, count)
@@ -904,9 +914,9 @@ def _inner_task(
     elif play:
         v, friction, mode, _ = _seen_play(plant, drive, t0, memory, meeting(plant, memory))
     else:
-        at, z, before = _masses(memory, two), memory[step.DEFLECTION], int(memory[step.MODE])
+        at, z, before = _masses(memory, two, rubs), memory[step.DEFLECTION], int(memory[step.MODE])
         found = _begin_inner(side, drive, t0, at, z, before, memory[step.REST])
-        v, friction, mode = at.v, found[3], found[0]
+        v, friction, mode = at.p if rubs else at.v, found[3], found[0]
     seen[0], seen[1], seen[2] = v, friction, mode
 
 

@@ -196,7 +196,11 @@ def _escape(margin, deviation):
 @step.internal
 def _random_force(plant, t, dt, memory, u, deviation):
     """Variance of the random force that can move a resting axis."""
-    drive = step.held_force(step.drive_now(plant, t, dt, memory, u))
+    force = step.drive_now(plant, t, dt, memory, u)
+    if plant.integers[step.STRUCTURE] & step.MOTOR_RUBS:
+        force += plant.numbers[step.STIFFNESS] * memory[step.OFFSET]
+        force += plant.numbers[step.DAMPING] * memory[step.SLIP]
+    drive = step.held_force(force)
     x, v, rest = memory[step.X], memory[step.V], memory[step.REST]
     w = step.load(plant, drive, t, 0.0, x, v, 0.0, rest)
     total = 0.0
@@ -629,13 +633,23 @@ def _held(plant, x, z):
     return s * min(s * z, _longest(plant, x, s))
 
 
+@step.internal
+def _may_break_away(cov, variance, dt, inverse):
+    """Add to the covariance of two masses what a random force does that moves the first one."""
+    by_x, by_v = 0.5 * dt * dt * inverse, dt * inverse
+    cov[0, 0] += variance * by_x * by_x
+    cov[0, 1] += variance * by_x * by_v
+    cov[1, 0] = cov[0, 1]
+    cov[1, 1] += variance * by_v * by_v
+
+
 @step.internal(forceinline=True)
-def _tells_of_load(m, cov, at, strained, part):
+def _tells_of_load(m, cov, at, rubs, strained, part):
     """Correct the load of a spring by a reading of its motor."""
     m[step.OFFSET] += (cov[2, at] - cov[0, at]) * part
     m[step.SLIP] += (cov[3, at] - cov[1, at]) * part
     if strained and m[step.MODE] == 0.0:
-        m[step.DEFLECTION] += (cov[2, at] - cov[4, at]) * part
+        m[step.DEFLECTION] += (cov[rubs, at] - cov[4, at]) * part
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -733,6 +747,7 @@ def _innovations(
     v0 = (y[begin] - y[0]) / (begin * dt)
     still, alike = 0, scale * max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
     _begin(plant, m, t0, dt, rested, u[0], y, v0, place, alike)
+    rubs = two_masses.rubbing(structure)
     two = spring or (play and not on_load)
     inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
     p, g = spot, 0.0
@@ -794,15 +809,17 @@ def _innovations(
             )  # fmt: skip
         elif spring:
             stops = contact and not sliding and not strained
-            unknown = two_masses.stopped(cov, unknown) if stops else 0.0 if sliding else unknown
+            unknown = two_masses.stopped(cov, rubs, unknown) if stops else unknown * (not sliding)
             strained = contact and not sliding
             count[0] = 0
             step.sample(plant, t, dt, u[k - 1], end, m, events, counted)
             moves = sliding or memory[step.MODE] != 0.0
             # A load at rest stays where it is, whatever the readings of its motor.
-            pinned = memory[step.MODE] == 0.0 and not contact
+            pinned = rubs if memory[step.MODE] == 0.0 and not contact else -1
             two_masses.predict(slides if moves else rests, cov, force, pinned, work)
-            p = cov[0, 0] = cov[0, 0] + 1e-6 * spot
+            if pinned == 0:
+                _may_break_away(cov, variance, dt, numbers[integers[step.N_NUMBERS] + step.INVERSE_MASS])
+            p = cov[0, 0] = cov[0, 0] + (_CREEP if pinned == 0 else 1e-6) * spot
         else:
             by_x, by_v, gives_way = _predict(
                 plant, m, events, counted, t, dt, u[k - 1], end, x, v, mode, two, at_once, first, dx
@@ -867,7 +884,7 @@ def _innovations(
                 noise = reading * ratio / DOUBTED
             if spring:
                 # A reading of the motor tells of the load, too.
-                _tells_of_load(m, cov, at, strained, e / (p + noise))
+                _tells_of_load(m, cov, at, rubs, strained, e / (p + noise))
                 g = cov[1, 0] / p
                 two_masses.correct(cov, at, p + noise, work)
             gain, to_anchor = p / (p + noise), 0.0

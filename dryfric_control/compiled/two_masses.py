@@ -1,7 +1,8 @@
 """Compiled covariance of two masses on a spring, of which the encoder sees the motor.
 
 Its four states are position and velocity of the motor and the same of the load; with an elastic
-contact the position at which the contact of the load is unstrained is a fifth.
+contact the position at which the contact is unstrained is a fifth.  One of the masses has the
+friction, see `rubbing`.
 """
 # mypy: disallow-untyped-defs=False
 
@@ -15,29 +16,35 @@ from dryfric_control.compiled import axis_step as step
 _SQUARED = 6
 
 
+@step.internal(forceinline=True)
+def rubbing(kind):
+    """State that is the position of the mass with friction."""
+    return 0 if kind & step.MOTOR_RUBS else 2
+
+
 @step.internal
 def transition(plant, dt, mode):
     """How n states, and two random forces, move in one sample, shape (n + 2, n + 2)."""
-    # The last two rows and columns: random forces on the motor and on the load.
+    # The last two rows and columns: random forces on the mass that is free and on that with friction.
     numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
     stiffness, damping = numbers[step.STIFFNESS], numbers[step.DAMPING]
-    motor = numbers[step.INVERSE_MOTOR]
-    load = numbers[plant.integers[step.N_NUMBERS] + step.INVERSE_MASS]
-    contact = kind & step.CONTACT != 0
-    n = 5 if contact else 4
+    free, rubs = numbers[step.INVERSE_MOTOR], numbers[plant.integers[step.N_NUMBERS] + step.INVERSE_MASS]
+    contact, b = kind & step.CONTACT != 0, rubbing(kind)
+    n, a = 5 if contact else 4, 2 - b
     rates = np.zeros((n + 2, n + 2))
-    rates[0, 1] = 1.0
-    rates[1, 0], rates[1, 1] = -stiffness * motor, -damping * motor
-    rates[1, 2], rates[1, 3], rates[1, n] = stiffness * motor, damping * motor, motor
+    rates[a, a + 1] = 1.0
+    rates[a + 1, a], rates[a + 1, a + 1] = -stiffness * free, -damping * free
+    rates[a + 1, b], rates[a + 1, b + 1] = stiffness * free, damping * free
+    rates[a + 1, n] = free
     holds = numbers[step.CONTACT_STIFFNESS] if contact and mode == 0.0 else 0.0
     if mode != 0.0 or holds > 0.0:
-        rates[2, 3] = 1.0
-        rates[3, 0], rates[3, 1] = stiffness * load, damping * load
-        rates[3, 2] = -(stiffness + holds) * load
-        rates[3, 3], rates[3, n + 1] = -(damping + numbers[step.VISCOUS]) * load, load
+        rates[b, b + 1] = 1.0
+        rates[b + 1, a], rates[b + 1, a + 1] = stiffness * rubs, damping * rubs
+        rates[b + 1, b] = -(stiffness + holds) * rubs
+        rates[b + 1, b + 1], rates[b + 1, n + 1] = -(damping + numbers[step.VISCOUS]) * rubs, rubs
     if holds > 0.0:
-        rates[3, 4] = holds * load
-        rates[3, 3] -= numbers[plant.integers[step.N_NUMBERS] + step.STICK_RATE]
+        rates[b + 1, 4] = holds * rubs
+        rates[b + 1, b + 1] -= numbers[plant.integers[step.N_NUMBERS] + step.STICK_RATE]
     # exp(rates dt) by squaring.
     moves, term = np.eye(n + 2), np.eye(n + 2)
     rates *= dt / 2.0**_SQUARED
@@ -51,7 +58,7 @@ def transition(plant, dt, mode):
 
 @step.internal
 def predict(moves, cov, force, pinned, work):
-    """Covariance of two masses one sample later, in place; `pinned`: the load is known to rest."""
+    """Covariance of two masses one sample later, in place; `pinned`: position known to rest, or -1."""
     # The random force, of variance `force`, moves the motor, as noise of the drive, and the load
     # by as much, as what is not modelled: a load whose model is wrong would else be followed as
     # if it were known.
@@ -67,19 +74,19 @@ def predict(moves, cov, force, pinned, work):
             for k in range(n):
                 total += work[i, k] * moves[j, k]
             cov[i, j] = cov[j, i] = total
-    if pinned:
+    if pinned >= 0:
         for i in range(n):
-            cov[3, i] = cov[i, 3] = 0.0
+            cov[pinned + 1, i] = cov[i, pinned + 1] = 0.0
 
 
 @step.internal
-def stopped(cov, unknown):
+def stopped(cov, at, unknown):
     """Set a contact that begins to stick in cov; its strain is uncertain by `unknown` besides."""
     for i in range(5):
-        cov[4, i] = cov[2, i]
+        cov[4, i] = cov[at, i]
     for i in range(5):
-        cov[i, 4] = cov[i, 2]
-    cov[4, 4] = cov[2, 2] + unknown
+        cov[i, 4] = cov[i, at]
+    cov[4, 4] = cov[at, at] + unknown
     return 0.0
 
 

@@ -139,8 +139,8 @@ def _restore(plant, inner, memory):
     """Restore inner states at the position and velocity in memory; a stuck load stays stuck."""
     memory[axis_step.DEFLECTION], memory[axis_step.OFFSET] = inner[0], inner[1]
     memory[axis_step.SLIP], memory[axis_step.MODE] = inner[2], inner[3]
-    kind = plant.integers[axis_step.STRUCTURE]
-    if not kind & axis_step.CONTACT and inner[2] != 0.0 and inner[3] == 0.0:
+    kind = plant.integers[axis_step.STRUCTURE] & (axis_step.CONTACT | axis_step.MOTOR_RUBS)
+    if kind == 0 and inner[2] != 0.0 and inner[3] == 0.0:
         memory[axis_step.SLIP] = -memory[axis_step.V]
 
 

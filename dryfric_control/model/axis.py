@@ -861,6 +861,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
     laws = [*by_action["input"], *forces, *levels, *by_action["reading"]]
     inner = inner_of(axis)
     behind = inner.half_gap > 0.0 or inner.stiffness > 0.0
+    rubbing = 1.0 - inner.load_fraction if inner.motor_rubs else inner.load_fraction
     loaded = sum(effect.depends_on_load for effect in levels)
     low, high = axis.travel or (-np.inf, np.inf)
     stribeck = axis.stribeck
@@ -874,7 +875,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         low,
         high,
         *inner[: Inner._fields.index("load_fraction")],
-        1.0 / (axis.mass * (1.0 - inner.load_fraction)) if behind else 0.0,
+        1.0 / (axis.mass * (1.0 - rubbing)) if behind else 0.0,
         min((effect.shortest_length for effect in axis.effects), default=np.inf),
         min((effect.shortest_time for effect in axis.effects), default=np.inf),
         0.0,
@@ -895,6 +896,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         | axis_step.PLAY * (inner.half_gap > 0.0)
         | axis_step.SPRING * (inner.stiffness > 0.0)
         | axis_step.ON_LOAD * (behind and inner.on_load > 0.0)
+        | axis_step.MOTOR_RUBS * (inner.motor_rubs > 0.0)
     )
     task = elastic.inner_task() if structure else axis_step.rigid_task()
     integers = [
@@ -921,9 +923,9 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         integers[axis_step.N_NUMBERS] = len(numbers)
         numbers += numbers
         load = integers[axis_step.N_NUMBERS]
-        numbers[load + axis_step.INVERSE_MASS] /= inner.load_fraction
+        numbers[load + axis_step.INVERSE_MASS] /= rubbing
         if inner.contact > 0.0:
-            numbers[load + axis_step.STICK_RATE] /= inner.load_fraction
+            numbers[load + axis_step.STICK_RATE] /= rubbing
         numbers[load + axis_step.BEHIND] = 1.0
     result = Arrays(
         np.array(numbers, dtype=float),

@@ -10,7 +10,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 from diagnosis_cases import among, believed, causes, named_right, parameter_errors, record
-from truth import ADDED, EFFECTS, make_case, make_null, make_outside
+from truth import ADDED, EFFECTS, make_case, make_null, make_outside, open_loop
 
 import dryfric_control as dfc
 
@@ -59,6 +59,21 @@ def test_a_hidden_effect_is_named(slug):
             assert np.isfinite(error) or any(name in text for text in found.messages)
     run = found.extended.simulate(case.u[:500], dt=1e-3, x0=float(case.x[0]))
     assert np.all(np.isfinite(run.y[:2]))
+
+
+@pytest.mark.slow
+def test_a_load_that_swings_behind_a_motor_with_friction_is_named():
+    case = make_case("compliance", 3, "short")
+    n, plant = len(case.t), case.plant._replace(motor_rubs=1.0)
+    x = open_loop(plant, case.u, 1e-3, case.substeps, case.states[0])[:n, 0]
+    measured = dfc.Record(case.t, case.u, case.quantum * np.round(x / case.quantum))
+    with among("compliance", *RIVALS):
+        found = dfc.diagnose(believed(case), measured, jobs=1, progress=False)
+    assert causes(found) == ["compliance"] and found.verdict == "explained", str(found)
+    (spring,) = found.extended.effects
+    assert spring.friction_on_motor == 1.0
+    for name, value in case.truth["compliance"].items():
+        assert getattr(spring, name) == pytest.approx(value, rel=0.01)
 
 
 # Effects that raise or lower all forces, some of them or one way alone.

@@ -1,5 +1,6 @@
 """Every effect against the independent bench, and an encoder that reads otherwise."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -48,6 +49,21 @@ def test_a_run_is_that_of_the_truth(slug, seed):
     # magnifies at the next start; an impact takes the bench some time.
     times = 100.0 if seed == 1 else 40.0
     assert not slug or np.abs(without.y[0] - readings).max() > times * error
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_run_of_a_motor_with_friction_is_that_of_the_truth(seed):
+    """The same two masses, friction and all forces on the motor."""
+    case = make_case("compliance", seed, "short")
+    plant = case.plant._replace(motor_rubs=1.0)
+    states = open_loop(plant, case.u[:3000], DT, 8 * case.substeps, case.states[0])[:3000]
+    spring = dataclasses.replace(machine(case).effects[0], friction_on_motor=1.0)
+    axis = believed(case).replace(effects=(spring,))
+    x0 = case.states[0, 0]
+    error = np.abs(axis.simulate(case.u[:3000], DT, x0=x0).y[0] - states[:, 0]).max()
+    assert error < CLOSE["compliance"]
+    other = machine(case).simulate(case.u[:3000], DT, x0=x0).y[0]
+    assert np.abs(other - states[:, 0]).max() > 100.0 * error
 
 
 def test_an_encoder_reads_otherwise_than_the_axis_stands():

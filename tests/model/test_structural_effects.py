@@ -23,12 +23,15 @@ PRESLIDING = dfc.effects.Presliding(distance=DISTANCE)
 BRISTLES = dfc.effects.Presliding(distance=DISTANCE, damping=300.0, bristles=1.0)
 BACKLASH = dfc.effects.Backlash(gap=2e-4, load_fraction=0.4)
 COMPLIANCE = dfc.effects.Compliance(stiffness=3e4, damping=12.0, load_fraction=0.4)
+MOTOR_RUBS = dataclasses.replace(COMPLIANCE, friction_on_motor=1.0)
 STRUCTURES = [
     (PRESLIDING,),
     (BACKLASH,),
     (COMPLIANCE,),
     (PRESLIDING, BACKLASH),
     (PRESLIDING, COMPLIANCE),
+    (MOTOR_RUBS,),
+    (BRISTLES, MOTOR_RUBS),
     (BRISTLES,),
     (BRISTLES, BACKLASH),
     (BRISTLES, COMPLIANCE),

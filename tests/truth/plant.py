@@ -108,6 +108,7 @@ class Plant(NamedTuple):
     dead_zone: float = 0.0
     saturation: float = np.inf
     load_fraction: float = 0.0  # > 0: two masses
+    motor_rubs: float = 0.0  # > 0: friction and e act on the motor
     gap: float = 0.0
     coupling_stiffness: float = 0.0
     coupling_damping: float = 0.0
@@ -340,10 +341,13 @@ def _advance(p, state, t, dt, substeps, before, now, push, wander):
             x = state[X] + 0.5 * h * state[V]
             xl = state[XL] + 0.5 * h * state[VL]
             force = _transmitted(p, x - xl, state[V] - state[VL])
-            state[V] += h * (w - force) / (p.mass * (1.0 - p.load_fraction))
-            state[VL] = _kick(
-                p, p.mass * p.load_fraction, tm, h, xl, state[VL], force, push, wander, state
-            )
+            motor, load = p.mass * (1.0 - p.load_fraction), p.mass * p.load_fraction
+            if p.motor_rubs > 0.0:
+                state[V] = _kick(p, motor, tm, h, x, state[V], w - force, push, wander, state)
+                state[VL] += h * force / load
+            else:
+                state[V] += h * (w - force) / motor
+                state[VL] = _kick(p, load, tm, h, xl, state[VL], force, push, wander, state)
             state[X] = x + 0.5 * h * state[V]
             state[XL] = xl + 0.5 * h * state[VL]
         else:

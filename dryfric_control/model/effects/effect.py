@@ -148,6 +148,8 @@ class Inner(NamedTuple):
         Of an elastic contact [N s/m].
     bristles : float
         1 if the elastic contact consists of bristles.
+    motor_rubs : float
+        1 if friction and all forces act on the motor, before an elastic transmission.
 
     Examples
     --------
@@ -166,6 +168,7 @@ class Inner(NamedTuple):
     on_load: float = 0.0
     contact_damping: float = 0.0
     bristles: float = 0.0
+    motor_rubs: float = 0.0
 
 
 #: What an effect depends on, by the arguments that its law reads.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -221,10 +222,11 @@ class Compliance(Effect):
     -----
     .. math:: F_t = \text{stiffness} \cdot (x - x_l) + \text{damping} \cdot (v - v_l)
 
-    The motor, (1 - load_fraction) m, carries drive and encoder; the load, load_fraction m, at x_l,
-    carries all friction and all force effects.  Position and velocity are the motor's, friction and
-    mode the load's.  A simulation starts with the transmission unstrained.  A very stiff one costs
-    time: the steps are a fraction of its natural period.
+    The motor, (1 - load_fraction) m, carries drive and encoder; the load is load_fraction m, at
+    x_l.  All friction and all force effects, and the mode, are those of the load, as on a belt that
+    draws a carriage; with ``friction_on_motor=1`` those of the motor, as of a gear that turns a
+    flexible arm.  Position and velocity are the motor's.  A simulation starts with the transmission
+    unstrained.  A very stiff one costs time: the steps are a fraction of its natural period.
 
     Examples
     --------
@@ -245,6 +247,10 @@ class Compliance(Effect):
     load_fraction: float = parameter(
         "1", "share of the mass behind the transmission", bounds=(1e-6, 1.0 - 1e-6), kind="share"
     )
+    friction_on_motor: float = parameter(
+        "1", "from 0.5 on the motor has friction and force effects, below it the load",
+        bounds=(0.0, 1.0), kind="share", default=0.0, free=False,
+    )  # fmt: skip
 
     action = "transmission"
     rank = 21
@@ -257,34 +263,46 @@ class Compliance(Effect):
     def inner(self, axis: BaseAxis) -> Inner:
         # Spring, damper and load.
         return Inner(
-            stiffness=self.stiffness, damping=self.damping, load_fraction=self.load_fraction
-        )
+            stiffness=self.stiffness, damping=self.damping, load_fraction=self.load_fraction,
+            motor_rubs=float(self.friction_on_motor >= 0.5),
+        )  # fmt: skip
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
         # A period of the swing of motor against load.
         reduced = self.load_fraction * (1.0 - self.load_fraction) * axis.mass
         return 0.0, 2.0 * math.pi * math.sqrt(reduced / self.stiffness)
 
+    def meaning(self, units: tuple[str, str]) -> str:
+        if self.friction_on_motor >= 0.5:
+            return "friction is on the motor's side, the load swings freely"
+        return ""
+
+    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
+        return (replace(self, friction_on_motor=1.0 - round(self.friction_on_motor)),)
+
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        # The load follows the motor through the spring, which carries its inertia and friction.
+        # The load follows the motor through the spring, which carries its inertia, and the friction
+        # unless that is on the motor.
         friction = view.axis.viscous * view.v + view.direction * view.level
         for turn in np.geomspace(0.02, 0.5, 14) / view.dt:
             spring = signal.bilinear(
                 [2.0 * _RATIO * turn, turn**2], [1.0, 2.0 * _RATIO * turn, turn**2], 1.0 / view.dt
             )
-            for share in (0.3, 0.5, 0.7):
-                inertia = share * view.axis.mass
-                rigid = inertia * view.a + friction
-                carried = signal.lfilter(*spring, rigid)
-                values = {
-                    "stiffness": inertia * turn**2,
-                    "damping": 2.0 * _RATIO * inertia * turn,
-                    "load_fraction": share,
-                }
-                yield simulated(**values)._replace(force=(rigid - carried,), positive=True)
+            for share, motor in itertools.product((0.3, 0.5, 0.7), (0.0, 1.0)):
+                rigid = share * view.axis.mass * view.a + (1.0 - motor) * friction
+                one = _swinging(view.axis, turn, share, motor)
+                force = rigid - signal.lfilter(*spring, rigid)
+                yield one._replace(force=(force,), positive=True)
         # Where the load sticks and the motor does not, a force that follows tells little.
-        for turn in np.geomspace(0.03, 0.4, 5) / view.dt:
-            inertia = 0.5 * view.axis.mass
-            damping = 2.0 * _RATIO * inertia * turn
-            yield simulated(stiffness=inertia * turn**2, damping=damping, load_fraction=0.5)
+        for turn, motor in itertools.product(np.geomspace(0.03, 0.4, 5) / view.dt, (0.0, 1.0)):
+            yield _swinging(view.axis, turn, 0.5, motor)
+
+
+def _swinging(axis: BaseAxis, turn: float, share: float, motor: float) -> Column:
+    """Two masses of which the load alone swings at an angular frequency."""
+    inertia = share * axis.mass
+    return simulated(
+        stiffness=inertia * turn**2, damping=2.0 * _RATIO * inertia * turn, load_fraction=share,
+        friction_on_motor=motor,
+    )  # fmt: skip

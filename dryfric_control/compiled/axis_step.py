@@ -104,8 +104,8 @@ SHORT_WAY, SHORT_TIME, ALLOWED, BEHIND, BRISTLES, COULOMB = range(15, 21)
 RULE, N_PLUS, N_MINUS, N_INPUT, N_FORCE, N_PLACE, N_LEVEL, N_HISTORY = range(8)
 STRUCTURE, N_NUMBERS, RIGID_TASK, TASK, N_PEAKED, N_READING, N_CARRIED, LAWS = range(8, 16)
 
-#: Flags of STRUCTURE, to be added; ON_LOAD: the encoder is on the load; MOTOR_RUBS: of two masses on
-#: a spring the motor has the friction, and all forces.
+#: Flags of STRUCTURE, to be added; ON_LOAD: the encoder is on the load; MOTOR_RUBS: of two
+#: masses the motor has the friction, and all forces.
 CONTACT, PLAY, SPRING, ON_LOAD, MOTOR_RUBS = 1, 2, 4, 8, 16
 ADVANCE, _LOOK, SETTLE = 0, 1, 2
 
@@ -1070,10 +1070,13 @@ def drive_now(plant, t, dt, memory, u):
 
 @internal
 def settle(plant, t, dt, memory, u, inertia=0.0):
-    """Set the inner states to those at rest or steady sliding; `inertia`: accelerates the axis."""
+    """Set the inner states to those at rest or steady sliding.
+
+    `inertia`: force that accelerates the axis, with two masses the one that is free.
+    """
     if plant.integers[STRUCTURE] == 0:
         return
-    drive = held_force(drive_now(plant, t, dt, memory, u) - inertia)
+    drive = Drive(drive_now(plant, t, dt, memory, u) - inertia, inertia, 0.0, 0.0)
     do(plant, TASK, SETTLE, drive, t, 0.0, memory, memory, plant.integers)
 
 

@@ -599,8 +599,12 @@ def _advance_one(plant, drive, t0, h, memory, events, count):
 
 
 @step.internal
-def _motor(plant, drive, v, tau):
-    """Distance and velocity of the motor alone after tau, exact."""
+def _free(plant, drive, memory, tau):
+    """Distance and velocity after tau of the mass without friction, alone: exact."""
+    v = memory[step.V]
+    if _rubs(plant):
+        v += memory[step.SLIP]
+        return v * tau, v
     inverse = plant.numbers[step.INVERSE_MOTOR]
     push = tau * (drive.start + 0.5 * drive.slope * tau)
     moved = tau * tau * (0.5 * drive.start + drive.slope * tau / 6.0)
@@ -615,11 +619,19 @@ def _motor(plant, drive, v, tau):
     return v * tau + moved * inverse, v + push * inverse
 
 
-@njit(cache=True, error_model="numpy")
-def _state_of_load(memory, scratch):
-    """Copy the state of the load, as a single mass, into `scratch`."""
-    scratch[step.X] = memory[step.X] + memory[step.OFFSET]
-    scratch[step.V] = memory[step.V] + memory[step.SLIP]
+@step.internal(forceinline=True)
+def _rubs(plant):
+    """Whether friction and forces act on the motor, not on the load."""
+    return plant.integers[step.STRUCTURE] & step.MOTOR_RUBS != 0
+
+
+@step.internal
+def _state_of_one(plant, memory, scratch):
+    """Copy the state of the mass with friction, as a single mass, into `scratch`."""
+    scratch[step.X], scratch[step.V] = memory[step.X], memory[step.V]
+    if not _rubs(plant):
+        scratch[step.X] += memory[step.OFFSET]
+        scratch[step.V] += memory[step.SLIP]
     scratch[step.MODE], scratch[step.REST] = memory[step.MODE], memory[step.REST]
     scratch[step.DEFLECTION] = memory[step.DEFLECTION]
 
@@ -640,8 +652,9 @@ def _seen_one(plant, drive, t, state):
 
 @step.internal(forceinline=True)
 def _pushes(plant, drive, rate, side):
-    """Force of the motor, in contact at `side`, on a load with acceleration `rate`."""
-    return side * (step.drive_force(drive, 0.0) - rate / plant.numbers[step.INVERSE_MOTOR])
+    """Force between motor and load, in contact at `side`, of an acceleration `rate`."""
+    inertia = rate / plant.numbers[step.INVERSE_MOTOR]
+    return side * (inertia if _rubs(plant) else step.drive_force(drive, 0.0) - inertia)
 
 
 @step.internal
@@ -675,28 +688,29 @@ def _lost(plant, t, y, v, side):
 
 @step.internal
 def _together(plant, t, y, v, p, side):
-    """Common velocity after a plastic impact of motor (v) and load (p, at y)."""
+    """Common velocity after a plastic impact of the free mass (v) and the other one (p, at y)."""
     # Momentum is conserved but for what friction takes that depends on the load.
-    motor = plant.numbers[step.INVERSE_MASS] / plant.numbers[step.INVERSE_MOTOR]
-    rest = 1.0 - motor
-    momentum = motor * v + rest * p
+    free = plant.numbers[step.INVERSE_MASS] / plant.numbers[step.INVERSE_MOTOR]
+    rest = 1.0 - free
+    momentum = free * v + rest * p
     if plant.numbers[step.BEHIND] != 1.0 and momentum != 0.0:
-        motor *= 1.0 - _lost(plant, t, y, momentum, side)
-    return (motor * v + rest * p) / (motor + rest)
+        free *= 1.0 - _lost(plant, t, y, momentum, side)
+    return (free * v + rest * p) / (free + rest)
 
 
 @step.internal
-def _collide(plant, t, memory, y, p, side):
-    """Plastic impact of motor and load (at y, with velocity p) at the end of the play."""
+def _collide(plant, t, memory, scratch, side):
+    """Plastic impact at the end of the play; `scratch`: state of the mass with friction."""
+    v = memory[step.V] + (memory[step.SLIP] if _rubs(plant) else 0.0)
     memory[step.OFFSET] = -side * plant.numbers[step.HALF_GAP]
-    memory[step.V] = _together(plant, t, y, memory[step.V], p, side)
+    memory[step.V] = _together(plant, t, scratch[step.X], v, scratch[step.V], side)
     memory[step.SLIP] = 0.0
 
 
 @step.internal
 def _joined(plant, drive, t, d, memory, side, scratch, events, count):
     """Move motor and load as one mass over d; the contact force at the end."""
-    _state_of_load(memory, scratch)
+    _state_of_one(plant, memory, scratch)
     _advance_one(plant, drive, t, d, scratch, events, count)
     return _push(plant, _later(drive, d), t + d, scratch, side)
 
@@ -704,11 +718,13 @@ def _joined(plant, drive, t, d, memory, side, scratch, events, count):
 @step.internal
 def _apart(plant, drive, t, d, memory, scratch, events, count):
     """Move motor and load without contact over d; the motor's lead at the end."""
-    _state_of_load(memory, scratch)
-    _advance_one(_load_side(plant), step.held_force(0.0), t, d, scratch, events, count)
-    moved, _ = _motor(plant, drive, memory[step.V], d)
+    _state_of_one(plant, memory, scratch)
+    start, rubs = scratch[step.X], _rubs(plant)
+    felt = drive if rubs else step.held_force(0.0)
+    _advance_one(_load_side(plant), felt, t, d, scratch, events, count)
     # Computed from differences, as the gap is small compared with the position.
-    return moved - memory[step.OFFSET] - (scratch[step.X] - (memory[step.X] + memory[step.OFFSET]))
+    lead = _free(plant, drive, memory, d)[0] - (scratch[step.X] - start)
+    return (-lead if rubs else lead) - memory[step.OFFSET]
 
 
 @step.internal
@@ -729,7 +745,8 @@ def _until(plant, drive, t, d, shortest, memory, scratch, events, count):
     until, slip = _stop(d, memory, scratch), memory[step.SLIP]
     if until == d:
         s, half = math.copysign(1.0, -slip), plant.numbers[step.HALF_GAP]
-        last = s * (_motor(plant, drive, memory[step.V], d)[1] - scratch[step.V])
+        last = s * (_free(plant, drive, memory, d)[1] - scratch[step.V])
+        last = -last if _rubs(plant) else last
         until = _touch(half + s * memory[step.OFFSET], abs(slip), half - s * lead, last, d)
     if until < d and d > shortest:
         count[step.LISTED] = known
@@ -770,15 +787,15 @@ def _vanishes(
 @step.internal(inline="always")
 def _advance_play(plant, drive, t0, h, memory, events, count):
     """Move motor and load with a play between them, see `advance`."""
-    # In contact they are one mass until the contact would have to pull.  Apart, the motor moves
-    # in closed form and the load under its own forces, until they meet.
+    # In contact they are one mass until the contact would have to pull.  Apart, the mass without
+    # friction moves in closed form and the other one under its own forces, until they meet.
     half, scratch = plant.numbers[step.HALF_GAP], step.spare_memory()
-    tau, side = 0.0, meeting(plant, memory)
+    tau, side, rubs = 0.0, meeting(plant, memory), _rubs(plant)
     if side != 0.0:
         memory[step.OFFSET] = -side * half
         if memory[step.SLIP] != 0.0:
-            y, p = memory[step.X] + memory[step.OFFSET], memory[step.V] + memory[step.SLIP]
-            _collide(plant, t0, memory, y, p, side)
+            _state_of_one(plant, memory, scratch)
+            _collide(plant, t0, memory, scratch, side)
     seen, friction, first, side = _seen_play(plant, drive, t0, memory, side)
     v, p = memory[step.V], memory[step.V] + memory[step.SLIP]
     pace = abs(v) + abs(p) + plant.numbers[step.STICK_SPEED]
@@ -802,7 +819,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
                 count[step.LISTED], d = known, stop
                 end = _joined(plant, piece, now, d, memory, side, scratch, events, count)
             if end < 0.0 and not last_turn:
-                _state_of_load(memory, scratch)
+                _state_of_one(plant, memory, scratch)
                 start, after = _push(plant, piece, now, scratch, side), 0.0
                 d = _vanishes(
                     plant, piece, now, 0.0, start, d, end, exact * d, memory, side, 0.0, known,
@@ -810,7 +827,8 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
                 )  # fmt: skip
                 _joined(plant, piece, now, d, memory, side, scratch, events, count)
             offset = -side * half
-            memory[step.X], memory[step.V] = scratch[step.X] - offset, scratch[step.V]
+            memory[step.X] = scratch[step.X] - (0.0 if rubs else offset)
+            memory[step.V] = scratch[step.V]
             memory[step.OFFSET], memory[step.SLIP] = offset, 0.0
         else:
             shortest = math.inf if last_turn else step.CLOSE * h
@@ -841,13 +859,17 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
                 if d > 0.0:
                     _apart(plant, piece, now, d, memory, scratch, events, count)
                 else:
-                    _state_of_load(memory, scratch)
-            moved, speed = _motor(plant, piece, memory[step.V], d)
-            memory[step.X] += moved
-            memory[step.V] = speed
-            memory[step.OFFSET], memory[step.SLIP] = -lead, scratch[step.V] - speed
+                    _state_of_one(plant, memory, scratch)
+            moved, speed = _free(plant, piece, memory, d)
+            if rubs:
+                memory[step.X], memory[step.V] = scratch[step.X], scratch[step.V]
+                memory[step.OFFSET], memory[step.SLIP] = -lead, speed - scratch[step.V]
+            else:
+                memory[step.X] += moved
+                memory[step.V] = speed
+                memory[step.OFFSET], memory[step.SLIP] = -lead, scratch[step.V] - speed
             if after != 0.0:
-                _collide(plant, now + d, memory, scratch[step.X], scratch[step.V], after)
+                _collide(plant, now + d, memory, scratch, after)
         memory[step.MODE], memory[step.REST] = scratch[step.MODE], scratch[step.REST]
         memory[step.DEFLECTION] = scratch[step.DEFLECTION]
         tau += d
@@ -855,7 +877,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
         if tau + step.SHORTEST * h >= h:
             tau = h
         if after != 0.0 and side == 0.0 and tau < h:
-            _state_of_load(memory, scratch)
+            _state_of_one(plant, memory, scratch)
             if _push(plant, _later(drive, tau), t0 + tau, scratch, after) < 0.0:
                 after = 0.0
         side = after
@@ -866,28 +888,30 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
 def _seen_play(plant, drive, t, memory, side):
     """Velocity of the motor, friction force, mode, and the side of contact if it holds."""
     scratch = step.spare_memory()
-    _state_of_load(memory, scratch)
+    _state_of_one(plant, memory, scratch)
     if side != 0.0:
         mode, _, friction, rate = _seen_one(plant, drive, t, scratch)
         if memory[step.SLIP] != 0.0 or _pushes(plant, drive, rate, side) >= 0.0:
             return memory[step.V], friction, mode, side
-    mode, _, friction, _ = _seen_one(_load_side(plant), step.held_force(0.0), t, scratch)
+    felt = drive if _rubs(plant) else step.held_force(0.0)
+    mode, _, friction, _ = _seen_one(_load_side(plant), felt, t, scratch)
     return memory[step.V], friction, mode, 0.0
 
 
 @step.internal
-def _settle(plant, force, t, memory):
+def _settle(plant, force, inertia, t, memory):
     """Inner states of an axis that has come to rest, or to steady sliding."""
+    carried = inertia if _rubs(plant) else force
     # A play is closed on the side of the drive, a spring carries the drive, and an elastic
     # contact carries the load up to the friction level.
     kind, half = plant.integers[step.STRUCTURE], plant.numbers[step.HALF_GAP]
     memory[step.OFFSET], memory[step.SLIP], memory[step.DEFLECTION] = 0.0, 0.0, 0.0
     if kind & step.PLAY:
-        memory[step.OFFSET] = -half if force >= 0.0 else half
-    if kind & step.SPRING and not kind & step.MOTOR_RUBS:
-        memory[step.OFFSET] = -force / plant.numbers[step.STIFFNESS]
+        memory[step.OFFSET] = -half if carried >= 0.0 else half
+    if kind & step.SPRING:
+        memory[step.OFFSET] = -carried / plant.numbers[step.STIFFNESS]
     if kind & step.CONTACT:
-        y, v = memory[step.X] + memory[step.OFFSET], memory[step.V]
+        y, v = memory[step.X] + (0.0 if _rubs(plant) else memory[step.OFFSET]), memory[step.V]
         w = step.load_under(plant, force, t, y, v, 0.0, memory[step.REST])
         slides = abs(v) > plant.numbers[step.STICK_SPEED]
         s = math.copysign(1.0, v if slides else w)
@@ -902,7 +926,7 @@ def _inner_task(
     """Perform a task of an axis with inner states; velocity of the motor, friction, mode."""
     plant, drive = step.Plant(numbers, integers), step.Drive(start, slope, fade, rate)
     if task == step.SETTLE:
-        _settle(plant, start, t0, memory)
+        _settle(plant, start, slope, t0, memory)
         return
     kind = integers[step.STRUCTURE]
     play, two, rubs = kind & step.PLAY, kind & step.SPRING != 0, kind & step.MOTOR_RUBS != 0
@@ -916,7 +940,7 @@ def _inner_task(
     else:
         at, z, before = _masses(memory, two, rubs), memory[step.DEFLECTION], int(memory[step.MODE])
         found = _begin_inner(side, drive, t0, at, z, before, memory[step.REST])
-        v, friction, mode = at.p if rubs else at.v, found[3], found[0]
+        v, friction, mode = found[1] if rubs else at.v, found[3], found[0]
     seen[0], seen[1], seen[2] = v, friction, mode
 
 

@@ -224,7 +224,7 @@ def _pulled_off(plant, t, dt, memory, u, deviation):
     Referred to the sum of both masses, as it then moves the motor alone.
     """
     kind = plant.integers[step.STRUCTURE]
-    if not kind & step.PLAY or kind & step.ON_LOAD:
+    if not kind & step.PLAY or kind & (step.ON_LOAD | step.MOTOR_RUBS):
         return 0.0
     drive = step.drive_now(plant, t, dt, memory, u)
     press = -math.copysign(1.0, memory[step.OFFSET]) * drive
@@ -244,6 +244,12 @@ def _beyond(plant, held, t, x, v, rest):
         less = level - step.breakaway_level(plant, t, x, w - s * beyond, s, rest)
         beyond *= beyond / max(beyond - less, 1e-3 * beyond)
     return s, beyond
+
+
+@step.internal(forceinline=True)
+def _alone(plant):
+    """Inverse mass of the one of two masses that has the friction."""
+    return plant.numbers[plant.integers[step.N_NUMBERS] + step.INVERSE_MASS]
 
 
 @step.internal
@@ -275,10 +281,12 @@ def _settle(plant, t, dt, memory, u, y, k, alike):
     memory[step.V] = v
     if kind & step.PLAY and not kind & step.ON_LOAD and v != 0.0:
         drive = step.drive_now(plant, t, dt, memory, u)
-        joined = (drive - numbers[step.VISCOUS] * v - math.copysign(level, v)) * inverse
-        if abs(bent - drive * numbers[step.INVERSE_MOTOR]) < abs(bent - joined):
+        net = drive - numbers[step.VISCOUS] * v - math.copysign(level, v)
+        rubs = kind & step.MOTOR_RUBS != 0
+        alone = net * _alone(plant) if rubs else drive * numbers[step.INVERSE_MOTOR]
+        if abs(bent - alone) < abs(bent - net * inverse):
             # The motor moves alone: its position within the play is unknown.
-            memory[step.OFFSET], memory[step.SLIP] = 0.0, -v
+            memory[step.OFFSET], memory[step.SLIP] = 0.0, 0.0 if rubs else -v
     return alike / (w * dt) + _CURVED * abs(bent) * w * dt
 
 
@@ -362,7 +370,8 @@ def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, fi
     by_x, by_v, k1, gives = 0.0, 0.0, 0.0, 1.0
     if mode != 0 and not two:
         held = step.held_force(step.drive_now(plant, t, dt, m, u0))
-        x += m[step.OFFSET]  # of the load, on which all forces act
+        if not plant.integers[step.STRUCTURE] & step.MOTOR_RUBS:
+            x += m[step.OFFSET]  # of the load, on which all forces act
         k1 = _rate(plant, held, t, x, v, float(mode))
         by_x, by_v = _slopes(plant, t, x, v, held, float(mode), dx, k1)
     calm, x1, v1 = False, x, v
@@ -747,7 +756,7 @@ def _innovations(
     v0 = (y[begin] - y[0]) / (begin * dt)
     still, alike = 0, scale * max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
     _begin(plant, m, t0, dt, rested, u[0], y, v0, place, alike)
-    rubs = two_masses.rubbing(structure)
+    rubs, on_motor = two_masses.rubbing(structure), structure & step.MOTOR_RUBS != 0
     two = spring or (play and not on_load)
     inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
     p, g = spot, 0.0
@@ -780,6 +789,7 @@ def _innovations(
         before = v
         # Motor and load that touch across a play are one mass.
         two = play and not on_load and not _touching(plant, m)
+        loose, two = two and on_motor, two and not on_motor
         inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
         if mode == 0 and not contact and abs(v) > numbers[step.STICK_SPEED]:
             mode = 1 if v > 0.0 else -1
@@ -818,7 +828,7 @@ def _innovations(
             pinned = rubs if memory[step.MODE] == 0.0 and not contact else -1
             two_masses.predict(slides if moves else rests, cov, force, pinned, work)
             if pinned == 0:
-                _may_break_away(cov, variance, dt, numbers[integers[step.N_NUMBERS] + step.INVERSE_MASS])
+                _may_break_away(cov, variance, dt, _alone(plant))
             p = cov[0, 0] = cov[0, 0] + (_CREEP if pinned == 0 else 1e-6) * spot
         else:
             by_x, by_v, gives_way = _predict(
@@ -829,6 +839,10 @@ def _innovations(
             if two:
                 # Across the play nothing holds the motor.
                 by_x, by_v, variance = 0.0, 0.0, force
+            if loose:
+                lighter, inverse = _alone(plant) / inverse, _alone(plant)
+                if sliding:
+                    by_x, by_v = lighter * by_x, lighter * by_v
             sticking = contact and not sliding and not two
             unknown = 0.0 if sliding else unknown
             if sticking and not strained:

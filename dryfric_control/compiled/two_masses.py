@@ -25,10 +25,11 @@ def rubbing(kind):
 @step.internal
 def transition(plant, dt, mode):
     """How n states, and two random forces, move in one sample, shape (n + 2, n + 2)."""
-    # The last two rows and columns: random forces on the mass that is free and on that with friction.
+    # The last two rows and columns: random forces on the free mass and on that with friction.
     numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
     stiffness, damping = numbers[step.STIFFNESS], numbers[step.DAMPING]
-    free, rubs = numbers[step.INVERSE_MOTOR], numbers[plant.integers[step.N_NUMBERS] + step.INVERSE_MASS]
+    free = numbers[step.INVERSE_MOTOR]
+    rubs = numbers[plant.integers[step.N_NUMBERS] + step.INVERSE_MASS]
     contact, b = kind & step.CONTACT != 0, rubbing(kind)
     n, a = 5 if contact else 4, 2 - b
     rates = np.zeros((n + 2, n + 2))
@@ -58,7 +59,7 @@ def transition(plant, dt, mode):
 
 @step.internal
 def predict(moves, cov, force, pinned, work):
-    """Covariance of two masses one sample later, in place; `pinned`: position known to rest, or -1."""
+    """Covariance of two masses one sample later, in place; `pinned`: one known to rest, or -1."""
     # The random force, of variance `force`, moves the motor, as noise of the drive, and the load
     # by as much, as what is not modelled: a load whose model is wrong would else be followed as
     # if it were known.

@@ -879,7 +879,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         min((effect.shortest_length for effect in axis.effects), default=np.inf),
         min((effect.shortest_time for effect in axis.effects), default=np.inf),
         0.0,
-        inner.load_fraction if inner.half_gap > 0.0 and loaded else 1.0,
+        rubbing if inner.half_gap > 0.0 and loaded and not inner.motor_rubs else 1.0,
         inner.bristles,
         *axis.coulomb.plus,
         *axis.coulomb.minus,

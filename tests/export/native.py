@@ -201,6 +201,7 @@ _STRUCTURES = (
     lambda r: (E.Compliance(r.uniform(3e4, 3e5), r.uniform(1.0, 20.0), r.uniform(0.3, 0.7)),),
     lambda r: (E.Presliding(1e-5), E.Compliance(1e5, 10.0, 0.5)),
     lambda r: (E.Compliance(1e5, 10.0, 0.5, 1.0),),
+    lambda r: (E.Backlash(5e-5, 0.5, 1.0),),
     lambda r: (E.Presliding(1e-5), E.Backlash(5e-5, 0.5)),
     lambda r: (E.Presliding(r.uniform(5e-6, 2e-5), r.uniform(0.0, 300.0), 1.0),),
     lambda r: (E.Presliding(1e-5, 200.0, 1.0), E.Compliance(1e5, 10.0, 0.5)),

@@ -24,6 +24,7 @@ BRISTLES = dfc.effects.Presliding(distance=DISTANCE, damping=300.0, bristles=1.0
 BACKLASH = dfc.effects.Backlash(gap=2e-4, load_fraction=0.4)
 COMPLIANCE = dfc.effects.Compliance(stiffness=3e4, damping=12.0, load_fraction=0.4)
 MOTOR_RUBS = dataclasses.replace(COMPLIANCE, friction_on_motor=1.0)
+LOOSE = dataclasses.replace(BACKLASH, friction_on_motor=1.0)
 STRUCTURES = [
     (PRESLIDING,),
     (BACKLASH,),
@@ -31,7 +32,9 @@ STRUCTURES = [
     (PRESLIDING, BACKLASH),
     (PRESLIDING, COMPLIANCE),
     (MOTOR_RUBS,),
+    (LOOSE,),
     (BRISTLES, MOTOR_RUBS),
+    (PRESLIDING, LOOSE),
     (BRISTLES,),
     (BRISTLES, BACKLASH),
     (BRISTLES, COMPLIANCE),

@@ -149,7 +149,7 @@ class Inner(NamedTuple):
     bristles : float
         1 if the elastic contact consists of bristles.
     motor_rubs : float
-        1 if friction and all forces act on the motor, before an elastic transmission.
+        1 if friction and all forces act on the motor, not on the load.
 
     Examples
     --------

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy import signal
@@ -18,6 +19,16 @@ from dryfric_control.model.friction import middle_level
 _RATIO = 0.05
 # Lengths over which a soft contact may build up, in parts of the travel.
 _SOFT = np.array([0.003, 0.01, 0.03, 0.1])
+
+
+_LOOSE = "friction is on the motor's side, behind which the load moves freely"
+
+
+def _on_motor() -> Any:
+    return parameter(
+        "1", "from 0.5 on the motor has friction and force effects, below it the load",
+        bounds=(0.0, 1.0), kind="share", default=0.0, free=False,
+    )  # fmt: skip
 
 
 def _elastic_length(view: View) -> float:
@@ -115,10 +126,10 @@ class Backlash(Effect):
     -----
     .. math:: {|x - x_l|} \le \tfrac{1}{2}\, \text{gap}, \quad x_l \text{ the load}
 
-    The motor, (1 - load_fraction) m, carries drive and encoder; the load,
-    load_fraction m, carries all friction and all force effects.  In contact
-    the two move as one until the contact would have to pull.  Where they meet
-    again, the impact is plastic and takes no time: both have the velocity
+    The motor, (1 - load_fraction) m, carries drive and encoder; the load, load_fraction m, carries
+    all friction and all force effects, or with ``friction_on_motor=1`` the motor does and the load
+    flies freely.  In contact the two move as one until the contact would have to pull.  Where they
+    meet again, the impact is plastic and takes no time: both have the velocity
 
     .. math:: \frac{(1 - \lambda)\, m_m v_m + m_l v_l}{(1 - \lambda)\, m_m + m_l}
 
@@ -127,9 +138,9 @@ class Backlash(Effect):
     (and adds it to one against it: lambda is negative then); without such friction momentum is
     conserved.  Coulomb level and drive do nothing in no time, and nothing rebounds.
 
-    Position and velocity are the motor's, friction and mode the load's.  A simulation starts with
-    the motor in the middle of the gap.  In contact the net force on both masses counts for a
-    friction that depends on it.
+    Position and velocity are the motor's, the mode is that of the mass with friction.  A simulation
+    starts with the motor in the middle of the gap.  In contact the net force on both masses counts
+    for a friction that depends on it.
 
     Examples
     --------
@@ -148,6 +159,7 @@ class Backlash(Effect):
     load_fraction: float = parameter(
         "1", "share of the mass behind the gap", bounds=(1e-6, 1.0 - 1e-6), kind="share"
     )
+    friction_on_motor: float = _on_motor()
 
     action = "transmission"
     rank = 20.0
@@ -159,12 +171,21 @@ class Backlash(Effect):
 
     def inner(self, axis: BaseAxis) -> Inner:
         # Play and load.
-        return Inner(half_gap=0.5 * self.gap, load_fraction=self.load_fraction)
+        return Inner(
+            half_gap=0.5 * self.gap, load_fraction=self.load_fraction,
+            motor_rubs=float(self.friction_on_motor >= 0.5),
+        )  # fmt: skip
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
         # Twice the time in which the drive takes the motor across the play.
         free = (1.0 - self.load_fraction) * axis.mass
         return self.gap, 2.0 * math.sqrt(2.0 * self.gap * free / max(force, 1e-300))
+
+    def meaning(self, units: tuple[str, str]) -> str:
+        return _LOOSE if self.friction_on_motor >= 0.5 else ""
+
+    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
+        return (replace(self, friction_on_motor=1.0 - round(self.friction_on_motor)),)
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
@@ -213,6 +234,9 @@ class LoadEncoderBacklash(Backlash):
         # Play and load, which is what is read.
         return super().inner(axis)._replace(on_load=1.0)
 
+    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
+        return ()
+
 
 @register_effect
 class Compliance(Effect):
@@ -247,10 +271,7 @@ class Compliance(Effect):
     load_fraction: float = parameter(
         "1", "share of the mass behind the transmission", bounds=(1e-6, 1.0 - 1e-6), kind="share"
     )
-    friction_on_motor: float = parameter(
-        "1", "from 0.5 on the motor has friction and force effects, below it the load",
-        bounds=(0.0, 1.0), kind="share", default=0.0, free=False,
-    )  # fmt: skip
+    friction_on_motor: float = _on_motor()
 
     action = "transmission"
     rank = 21
@@ -273,9 +294,7 @@ class Compliance(Effect):
         return 0.0, 2.0 * math.pi * math.sqrt(reduced / self.stiffness)
 
     def meaning(self, units: tuple[str, str]) -> str:
-        if self.friction_on_motor >= 0.5:
-            return "friction is on the motor's side, the load swings freely"
-        return ""
+        return _LOOSE if self.friction_on_motor >= 0.5 else ""
 
     def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
         return (replace(self, friction_on_motor=1.0 - round(self.friction_on_motor)),)

@@ -144,9 +144,10 @@ def test_states_are_kept_stored_and_put_back(stages, tmp_path, version):
 
 #: What the code is written for, and an FMU cannot change.
 BUILT_IN = {
-    "input_delay": {"delay"}, "actuator_lag": {"time_constant"}, "backlash": {"load_fraction"},
-    "load_encoder_backlash": {"load_fraction"}, "compliance": {"load_fraction"},
-    "presliding": {"bristles"},
+    "input_delay": {"delay"}, "actuator_lag": {"time_constant"}, "presliding": {"bristles"},
+    "backlash": {"load_fraction", "friction_on_motor"},
+    "load_encoder_backlash": {"load_fraction", "friction_on_motor"},
+    "compliance": {"load_fraction", "friction_on_motor"},
 }  # fmt: skip
 
 

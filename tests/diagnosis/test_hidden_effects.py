@@ -62,18 +62,21 @@ def test_a_hidden_effect_is_named(slug):
 
 
 @pytest.mark.slow
-def test_a_load_that_swings_behind_a_motor_with_friction_is_named():
-    case = make_case("compliance", 3, "short")
-    n, plant = len(case.t), case.plant._replace(motor_rubs=1.0)
-    x = open_loop(plant, case.u, 1e-3, case.substeps, case.states[0])[:n, 0]
+@pytest.mark.parametrize(("slug", "seed"), [("compliance", 3), ("backlash", 4)])
+def test_two_masses_with_friction_on_the_motor_are_named(slug, seed):
+    case = make_case(slug, seed, "short")
+    # A load without friction would rebound at the bench's damping of its contact.
+    damping = (4.0 if slug == "backlash" else 1.0) * case.plant.coupling_damping
+    plant = case.plant._replace(motor_rubs=1.0, coupling_damping=damping)
+    x = open_loop(plant, case.u, 1e-3, 4 * case.substeps, case.states[0])[: len(case.t), 0]
     measured = dfc.Record(case.t, case.u, case.quantum * np.round(x / case.quantum))
-    with among("compliance", *RIVALS):
+    with among("compliance", "backlash", *RIVALS):
         found = dfc.diagnose(believed(case), measured, jobs=1, progress=False)
-    assert causes(found) == ["compliance"] and found.verdict == "explained", str(found)
-    (spring,) = found.extended.effects
-    assert spring.friction_on_motor == 1.0
-    for name, value in case.truth["compliance"].items():
-        assert getattr(spring, name) == pytest.approx(value, rel=0.01)
+    assert causes(found) == [slug] and found.verdict == "explained", str(found)
+    (effect,) = found.extended.effects
+    assert effect.friction_on_motor == 1.0
+    for name, value in case.truth[slug].items():
+        assert getattr(effect, name) == pytest.approx(value, rel=0.01)
 
 
 # Effects that raise or lower all forces, some of them or one way alone.

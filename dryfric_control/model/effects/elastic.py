@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy import signal
@@ -161,6 +161,8 @@ class Backlash(Effect):
     )
     friction_on_motor: float = _on_motor()
 
+    # Where the friction of the shapes is that are tried.
+    _sides: ClassVar[tuple[float, ...]] = (0.0, 1.0)
     action = "transmission"
     rank = 20.0
     explanation = (
@@ -184,14 +186,12 @@ class Backlash(Effect):
     def meaning(self, units: tuple[str, str]) -> str:
         return _LOOSE if self.friction_on_motor >= 0.5 else ""
 
-    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
-        return (replace(self, friction_on_motor=1.0 - round(self.friction_on_motor)),)
-
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        for part in (1.5, 3.0, 6.0, 12.0, 24.0, 48.0):
-            for share in (0.35, 0.5, 0.65):
-                yield simulated(gap=part * _elastic_length(view), load_fraction=share)
+        parts, shares = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0), (0.35, 0.5, 0.65)
+        for part, share, motor in itertools.product(parts, shares, cls._sides):
+            gap = part * _elastic_length(view)
+            yield simulated(gap=gap, load_fraction=share, friction_on_motor=motor)
 
 
 @register_effect
@@ -218,6 +218,7 @@ class LoadEncoderBacklash(Backlash):
     21
     """
 
+    _sides = (0.0,)
     slug = "load_encoder_backlash"
     title = "backlash, encoder on the load"
     rank = 20.5
@@ -233,9 +234,6 @@ class LoadEncoderBacklash(Backlash):
     def inner(self, axis: BaseAxis) -> Inner:
         # Play and load, which is what is read.
         return super().inner(axis)._replace(on_load=1.0)
-
-    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
-        return ()
 
 
 @register_effect
@@ -295,9 +293,6 @@ class Compliance(Effect):
 
     def meaning(self, units: tuple[str, str]) -> str:
         return _LOOSE if self.friction_on_motor >= 0.5 else ""
-
-    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
-        return (replace(self, friction_on_motor=1.0 - round(self.friction_on_motor)),)
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:

@@ -39,9 +39,9 @@ def record_of(case):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_base_parameters_of_an_independent_bench(seed):
-    case = truth.make_null(seed)
+    case = truth.make_null(seed, "short")
     found = fit(axis_of(case, mass=1.3, viscous=0.6, coulomb=1.4), record_of(case))
-    # An encoder of 1 to 5 um over 20 s leaves some 1e-5; 1e-3 holds any noise
+    # An encoder of 1 to 5 um over 6 s leaves some 1e-5; 1e-3 holds any noise
     # of the seed, and is far below the 30 % from which the search started.
     for name in ("mass", "viscous", "coulomb"):
         assert found.parameters[name] == pytest.approx(case.actual[name], rel=1e-3)
@@ -85,7 +85,7 @@ def test_input_recorded_half_a_sample_off(samples):
     ],
 )
 def test_effect_is_added_and_found(slug, name, value, off, seed):
-    case = truth.make_case({slug: {name: value}}, seed)
+    case = truth.make_case({slug: {name: value}}, seed, "short")
     found = fit(axis_of(case), record_of(case), free=("mass", "coulomb", slug))
     assert found.parameters[f"{slug}.{name}"] == pytest.approx(value, abs=off)
     assert found.axis.effects[0].slug == slug
@@ -192,7 +192,7 @@ def test_intervals_cover_with_the_peak_free():
 
 
 def test_intervals_widen_with_the_level():
-    case = truth.make_null(0)
+    case = truth.make_null(0, "short")
     found = fit(axis_of(case), record_of(case), starts=1)
     for kind in (found.interval, found.bootstrap):
         narrow, wide = kind(0.5), kind(0.95)
@@ -202,7 +202,7 @@ def test_intervals_widen_with_the_level():
 
 @pytest.mark.slow
 def test_bias_and_asymmetry_cannot_be_told_apart():
-    case = truth.make_case({"bias_force": {"force": 1.0}}, seed=5)
+    case = truth.make_case({"bias_force": {"force": 1.0}}, 5, "short")
     assert case.actual["stribeck"] is None
     free = ("mass", "viscous", "coulomb_plus", "coulomb_minus", "bias_force")
     with pytest.warns(FitWarning, match="cannot be separated.*tilt the axis"):
@@ -293,7 +293,7 @@ def test_viscous_friction_that_is_small_is_not_put_down_to_one_velocity():
 
 @pytest.mark.slow
 def test_several_records_are_fitted_together():
-    case = truth.make_null(3)
+    case = truth.make_null(3, "short")
     record = record_of(case)
     first, second = record.split(0.5)
     one, both = fit(axis_of(case), record), fit(axis_of(case), (first, second))

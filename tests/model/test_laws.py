@@ -202,22 +202,22 @@ def test_smooth_laws_agree_with_lsoda(law, hold):
 
 @pytest.mark.slow
 @each_law
-@pytest.mark.parametrize("hold", ["zero", "first"])
-def test_mirrored_axis_gives_the_mirrored_motion(law, hold):
-    u = 3.0 * np.sin(2 * np.pi * 5.0 * DT * np.arange(200))
+def test_mirrored_axis_gives_the_mirrored_motion(law):
+    u = -6.0 * np.sin(2 * np.pi * 10.0 * DT * np.arange(100))
     mirrored = rich_axis(
         coulomb=dfc.CoulombMap(plus=[1.3, 0.2], minus=[1.0, -0.3, 0.2]),
         effects=(dfc.effects.Spring(stiffness=2.0, rest=-0.1),),
     )
-    one = law.run(rich_axis(), u, DT, x0=0.02, v0=0.1, hold=hold)
-    other = law.run(mirrored, -u, DT, x0=-0.02, v0=-0.1, hold=hold)
+    one = law.run(rich_axis(), u, DT, x0=0.02, v0=0.1, hold="first")
+    other = law.run(mirrored, -u, DT, x0=-0.02, v0=-0.1, hold="first")
+    assert np.ptp(np.sign(one[1])) == 2.0
     for a, b in zip(one, other, strict=True):
         # Every operation is symmetric under the mirror, rounding included.
         np.testing.assert_array_equal(a, -b)
 
 
 @pytest.mark.slow
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(
     amplitude=st.floats(0.0, 20.0),
     frequency=st.floats(0.5, 40.0),
@@ -258,7 +258,7 @@ def test_sampling_time_does_not_matter(law):
 
 @each_law
 def test_simulate_is_the_same_run_behind_one_interface(law):
-    u = 3.0 * np.sin(2 * np.pi * 5.0 * DT * np.arange(200))
+    u = 3.0 * np.sin(2 * np.pi * 5.0 * DT * np.arange(50))
     kept = u.copy()
     axis = rich_axis()
     response = axis.simulate(u, dt=DT, x0=0.02, v0=0.1, hold="first", law=law)

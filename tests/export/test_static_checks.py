@@ -21,7 +21,7 @@ ARGUED = set(re.findall(r"^\| (\d+\.\d+) \|", PAGE, flags=re.MULTILINE))
 
 @pytest.fixture(scope="module")
 def sources(tmp_path_factory):
-    """Sources of one object of each kind."""
+    """Sources of one object of each kind, the compensation in single precision."""
     folder = tmp_path_factory.mktemp("static")
     plain = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, name="stage")
     inner = AXIS.replace(name="inner", effects=native._STRUCTURES[4](np.random.default_rng(0)))
@@ -30,9 +30,9 @@ def sources(tmp_path_factory):
         inner,
         dfc.design_pi_observer(AXIS, dt=1e-3, encoder_quantum=1e-6),
         dfc.hybrid_filter(AXIS, 1e-3, 1e-6),
-        dfc.design_compensation(plain, dt=1e-3, encoder_quantum=1e-6),
     )
-    single = export_c(objects[-1], folder / "single", "single")
+    comp = dfc.design_compensation(plain, dt=1e-3, encoder_quantum=1e-6)
+    single = export_c(comp, folder / "single", "single")
     return [str(export_c(obj, folder)[1]) for obj in objects] + [str(single[1])]
 
 

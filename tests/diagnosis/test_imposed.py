@@ -68,7 +68,7 @@ def test_gravity_of_an_arm_that_a_tight_loop_turns() -> None:
 def test_level_of_each_record_is_found_where_a_bench_makes_the_motion() -> None:
     # A straight line foresees such readings better than any axis: all would be muted.
     levels = (5.4, 7.3, 8.8)
-    records = [walked(f, seed=i, seconds=20.0) for i, f in enumerate(levels)]
+    records = [walked(f, seed=i, seconds=12.0) for i, f in enumerate(levels)]
     d = asked(records)
     assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.02)
     assert d.causes == ()
@@ -109,7 +109,7 @@ class Settled(dfc.effects.Effect):
 def test_cogging_is_found_where_a_bench_makes_the_motion() -> None:
     with among("cogging", "time_periodic", "spring", "presliding", "backlash", "saturation"):
         dfc.effects.register_effect(Settled)
-        d = asked(walked(7.0, 1.5))
+        d = asked(walked(7.0, 1.5, seconds=24.0))
     assert [cause.effect for cause in d.causes] == ["cogging"]
     # What an effect remembers is not in the motion, but for the strain of a contact.
     assert "presliding" in d.scores and "settled" not in d.scores
@@ -121,7 +121,7 @@ def test_cogging_is_found_where_a_bench_makes_the_motion() -> None:
 @pytest.mark.slow
 def test_a_soft_contact_is_found_where_a_bench_makes_the_motion() -> None:
     # Without it the force after a turn would pass for viscous friction or a falling level.
-    record = walked(7.0, soft=1.5e-3)
+    record = walked(7.0, soft=1.5e-3, seconds=24.0)
     with among("presliding", "stribeck_asymmetry", "warm_up", "spring", "backlash", "drift"):
         d = asked(record)
     assert [cause.effect for cause in d.causes] == ["presliding"]
@@ -134,7 +134,7 @@ def test_a_soft_contact_is_found_where_a_bench_makes_the_motion() -> None:
 def test_friction_that_builds_up_after_a_turn_is_not_taken_for_viscous() -> None:
     # A bench turns round through small velocities, and only there would viscous friction show.
     levels = (5.4, 8.8)
-    records = [walked(f, seed=i, round_=1.5e-3) for i, f in enumerate(levels)]
+    records = [walked(f, seed=i, round_=1.5e-3, seconds=24.0) for i, f in enumerate(levels)]
     with among("bias_force", "presliding", "velocity_strengthening", "spring", "cogging"):
         d = asked(records)
     assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.03)

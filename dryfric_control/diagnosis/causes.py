@@ -11,10 +11,11 @@ import numpy as np
 from dryfric_control.diagnosis.candidates import SLUGS, effect_class, holds
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.report.findings import Cause
-from dryfric_control.diagnosis.search import Model, Search, evidence
-from dryfric_control.diagnosis.thresholds import CLEAR, EQUAL, NOTABLE, RIGHT
+from dryfric_control.diagnosis.search import Model, Search, evidence, prior_of
+from dryfric_control.diagnosis.thresholds import CLEAR, EQUAL, LEAST, NOTABLE, RIGHT, SAME
 from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import values_of, with_values
+from dryfric_control.estimation.random_force import long_run
 from dryfric_control.estimation.scoring import FEW, SOME
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
@@ -225,6 +226,27 @@ def _separate(less: Solution, more: Solution) -> bool:
     differ = float(np.ptp([values[n] for n in new]))
     known = all(after[n] < 2.0 * before[n] for n in before if "@" in n)
     return known and all(CLEAR * after[n] < differ for n in new)
+
+
+def changing(search: Search, model: Model, final: Solution) -> str:
+    """The cause or base parameter that differs most between the halves of the records, if any does.
+
+    What differs by a part of its amount gains a quarter of that part's square of what it brings.
+    """
+    falls = {"": search.problem.nominal_fit.cost - final.cost + prior_of(final)}
+    own = {"": {*final.problem.names}} | {name: {name} for name in BASE}
+    for name in model.causes:
+        own[name], less = {*model.own(name)}, search.less_by(name)
+        if less is not None:
+            falls[name] = less.fit.cost - prior_of(less.fit) - model.fit.cost + prior_of(model.fit)
+    halves = {name: final.in_halves(names) for name, names in own.items()}
+    gains = {name: final.cost - fit.cost for name, fit in halves.items()}
+    apart = (
+        gains[name]
+        > max(long_run(halves[name]) * (LEAST + len(own[name])), (0.5 * SAME) ** 2 * fall)
+        for name, fall in falls.items()
+    )
+    return max(filter(None, own), key=gains.__getitem__) if any(apart) else ""
 
 
 def scaled(axis: FrictionAxis, scale: float) -> FrictionAxis:

@@ -19,7 +19,8 @@ from tqdm import tqdm
 
 from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
-from dryfric_control.diagnosis.causes import causes_of, hardly_determined, rival, varying
+from dryfric_control.diagnosis.candidates import SLUGS
+from dryfric_control.diagnosis.causes import causes_of, changing, hardly_determined, rival, varying
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, moving, quieter
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
@@ -44,6 +45,7 @@ from dryfric_control.estimation.scoring import LAST, SOME
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut, shifted
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.naming import title_of
 from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.record import Record, told
 from dryfric_control.store.batch import fingerprint, run_batch
@@ -71,6 +73,10 @@ _ONE_VELOCITY = (
 _MUTED = (
     "the random force that is left is more than a fifth of the Coulomb level: what acts on the "
     "axis is mostly unknown"
+)
+_CHANGES = (
+    "what fits the first half of the record does not fit the second half, and the difference is "
+    "largest in: {}. Something that changes in the record is missing from the model"
 )
 _INTERRUPTED = "interrupted: the best answer so far; causes may be missing"
 
@@ -272,6 +278,7 @@ def _answered(
     tell("replays", model.causes)
     heard = as_recorded(final, recorded)
     found = judged(problem, windows, heard)
+    law = final
     if not (causes or problem.own):
         final = problem.reference(problem.believed, noises=noises_of(final))
     better = [name for name, cost in references.items() if cost < final.cost]
@@ -280,7 +287,7 @@ def _answered(
     if better and causes:
         messages.append(f"not better than {' and '.join(better)}: no causes are reported")
         causes, model = [], Model(model.fit)
-        final = problem.reference(problem.believed, noises=noises_of(final))
+        law = final = problem.reference(problem.believed, noises=noises_of(final))
         heard = as_recorded(final, recorded)
         found = judged(problem, windows, heard)
         found = found._replace(left=replace(found.left, significant=True))
@@ -289,8 +296,11 @@ def _answered(
         tell("differences between the records", model.causes)
         varies, apart = varying(problem, final)
         if varies:
-            heard = as_recorded(apart, recorded)
+            law, heard = apart, as_recorded(apart, recorded)
             found = judged(problem, windows, heard)
+    changes = "" if late or interrupted else changing(search, model, law)
+    if changes:
+        messages.append(_CHANGES.format(title_of(SLUGS.get(changes, changes))))
     if "straight line" in better:
         messages.append(_LINE)
     messages += [
@@ -318,7 +328,7 @@ def _answered(
     return Diagnosis(
         axis=problem.believed,
         record=records[0],
-        verdict=_verdict(found, [*causes, *varies], final, finished),
+        verdict=_verdict(found, [*causes, *varies], final, finished, changes),
         causes=tuple(causes),
         extended=final.axis,
         gain=found.gain,
@@ -422,13 +432,16 @@ def _reconsidered(
     return again, again.run(again.pruned(again.now))
 
 
-def _verdict(found: Judged, causes: Sequence[Any], final: Solution, finished: bool) -> str:
-    """The verdict from what was found and what is left."""
+def _verdict(
+    found: Judged, causes: Sequence[Any], final: Solution, finished: bool, changes: str
+) -> str:
+    """The verdict from what was found, what is left, and what changes in the records."""
     if not finished:
         return "not finished"
     if not causes:
-        return "unexplained" if found.left.significant or found.muted else "nothing to find"
-    doubtful = final.at_bound or not final.converged
+        wrong = found.left.significant or found.muted or changes
+        return "unexplained" if wrong else "nothing to find"
+    doubtful = changes or final.at_bound or not final.converged
     better = found.gain.ratio >= 1.0
     return "explained" if found.explained and better and not doubtful else "partly explained"
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from dryfric_control.arrays import Floats, Ints
+from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.estimation.likelihood import NORMAL, Likelihood, Point
 from dryfric_control.model.axis import FrictionAxis
@@ -142,66 +143,88 @@ class Solution:
             total += h.sum(axis=0)
         return total
 
+    def _blocks(self, at: Point) -> Floats:
+        """Cost of each block of all records at a point."""
+        return np.concatenate([self.problem.blocks(i, out) for i, out in enumerate(at.out)])
+
+    def _without(self, mine: Bools, moved: Bools | bool = True) -> tuple[Floats, Point]:
+        """Coordinates fitted without some blocks, by one Newton step, and the point there.
+
+        `moved`: which may differ from those of all blocks.
+        """
+        problem, before = self.problem, self._blocks(self.point)
+        if not self.gradients.size:
+            return self.z, self.point
+        _, slope, curvature = problem.prior_terms(self.z)
+        g, h = self.gradients.sum(axis=0) + slope, self.information.sum(axis=0) + np.diag(curvature)
+        size = np.sqrt(np.maximum(np.diag(h), 1e-12))
+        far = problem.reach(np.arange(problem.size), size) / size
+        rest = h - self.information[mine].sum(axis=0) + 1e-9 * np.diag(np.diag(h))
+        pull, step = self.gradients[mine].sum(axis=0) - g, np.zeros(self.z.size)
+        free = (self.z > problem.low) & (self.z < problem.high) & moved
+        while np.any(free):
+            # Fix coordinates that are at a bound or reach one, and solve for the others
+            # again: clipping afterwards would leave correlated ones at wrong values.
+            left = pull[free] - rest[np.ix_(free, ~free)] @ step[~free]
+            step[free] = np.linalg.lstsq(rest[np.ix_(free, free)], left, rcond=1e-12)[0]
+            there = np.clip(self.z + step, problem.low, problem.high)
+            beyond = free & (there != self.z + step)
+            if not np.any(beyond):
+                break
+            step[beyond] = (there - self.z)[beyond]
+            free &= ~beyond
+        step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / far)), 1e-300))
+        # A rough cost may rise: then take a shorter step, judged by the fitted blocks.
+        most = before[~mine].sum() + problem.prior(self.z)
+        for part in _PARTS:
+            there = np.clip(self.z + part * step, problem.low, problem.high)
+            point = problem.tried(there)
+            if point.out and self._blocks(point)[~mine].sum() + problem.prior(there) <= most:
+                return there, point
+        return self.z, self.point
+
     @cached_property
     def crossed(self) -> tuple[Floats, tuple[Floats, Floats], Ints]:
         """Held-out costs of the blocks, parameters fitted without each half, half of each block.
 
         Two blocks at a time belong to either half; the parameters follow by one Newton step.
         """
-        problem, gradients, information = self.problem, self.gradients, self.information
-
-        def blocks(at: Point) -> Floats:
-            return np.concatenate([problem.blocks(i, out) for i, out in enumerate(at.out)])
-
-        before = blocks(self.point)
+        problem, costs = self.problem, self._blocks(self.point)
         half = np.concatenate([np.arange(r.edges.size - 1) // 2 % 2 for r in problem.runs])
-        costs, found = before.copy(), [self.z, self.z]
-        if not gradients.size:
-            return costs, (self.z, self.z), half
-        _, slope, curvature = problem.prior_terms(self.z)
-        g, h = gradients.sum(axis=0) + slope, information.sum(axis=0) + np.diag(curvature)
-        size = np.sqrt(np.maximum(np.diag(h), 1e-12))
-        far = problem.reach(np.arange(problem.size), size) / size
-        noise = slice(len(problem.names), None, 2)
-        inside = (self.z > problem.low) & (self.z < problem.high)
-        for k in (0, 1):
+        found, noise = [self.z, self.z], slice(len(problem.names), None, 2)
+        for k in (0, 1) if self.gradients.size else ():
             mine = half == k
-            rest = h - information[mine].sum(axis=0) + 1e-9 * np.diag(np.diag(h))
-            pull, step = gradients[mine].sum(axis=0) - g, np.zeros(self.z.size)
-            free = inside.copy()
-            while np.any(free):
-                # Fix coordinates that are at a bound or reach one, and solve for the others
-                # again: clipping afterwards would leave correlated ones at wrong values.
-                left = pull[free] - rest[np.ix_(free, ~free)] @ step[~free]
-                step[free] = np.linalg.lstsq(rest[np.ix_(free, free)], left, rcond=1e-12)[0]
-                there = np.clip(self.z + step, problem.low, problem.high)
-                beyond = free & (there != self.z + step)
-                if not np.any(beyond):
-                    break
-                step[beyond] = (there - self.z)[beyond]
-                free &= ~beyond
-            step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / far)), 1e-300))
-            # A rough cost may rise: then take a shorter step, judged by the fitted half.
-            most = before[~mine].sum() + problem.prior(self.z)
-            for part in _PARTS:
-                there = np.clip(self.z + part * step, problem.low, problem.high)
-                point = problem.tried(there)
-                if not point.out:
-                    continue
-                every = blocks(point)
-                if every[~mine].sum() + problem.prior(there) <= most:
-                    costs[mine], found[k] = every[mine], there
-                    break
+            found[k], point = self._without(mine)
+            costs[mine] = self._blocks(point)[mine]
             # What the parameters miss on unseen data acts there as a random force.
             there = found[k].copy()
             while np.all(there[noise] < problem.high[noise]):
                 there[noise] = np.minimum(there[noise] + _LOUDER, problem.high[noise])
                 point = problem.tried(there)
-                here = blocks(point)[mine] if point.out else costs[mine]
+                here = self._blocks(point)[mine] if point.out else costs[mine]
                 if not here.sum() < costs[mine].sum():
                     break
                 costs[mine] = here
         return costs, (found[0], found[1]), half
+
+    def in_halves(self, names: Collection[str]) -> Solution:
+        """The same with other values of some parameters in each half of every record.
+
+        Its coordinates are those of all data, its cost and its point those of both halves.
+        """
+        runs, moved = self.problem.runs, np.zeros(self.z.size, bool)
+        moved[: len(self.problem.names)] = np.isin(self.problem.names, [*names])
+        late = np.concatenate([np.arange(r.edges.size - 1) >= r.edges.size // 2 for r in runs])
+        halves = [self._without(mine, moved)[1] for mine in (late, ~late)]
+
+        def joined(first: list[Floats], second: list[Floats]) -> list[Floats]:
+            middle = (run.edges[run.edges.size // 2] for run in runs)
+            rows = zip(first, second, middle, strict=True)
+            return [np.concatenate((a[:, :k], b[:, k:]), axis=1) for a, b, k in rows]
+
+        both = Point(0.0, joined(*(p.out for p in halves)), joined(*(p.states for p in halves)))
+        cost = float(self._blocks(both).sum()) + self.problem.prior(self.z)
+        return replace(self, point=replace(both, cost=cost))
 
     def held_out(self) -> Floats:
         """Held-out cost of each block: under parameters fitted without its half."""

@@ -10,7 +10,8 @@ QUIETEST, LOUDEST, QUIET, SETTLED = 0.03, 0.3, (1.0, 0.1), 12
 # Proposals: predicted gain beyond the logarithm of the number of shapes; number of single
 # effects, of joined ones, of other shapes that are tried; gain by which an exchange must help.
 CHANCE, PROPOSALS, JOINT, NEIGHBOURS, COINCIDE = 6.0, 6, 3, 3, 2.0
-# Part of a column outside the span of others up to which it does the same.
+# Part of a column outside the span of others up to which it does the same, and of an amount by
+# which it may differ between the halves of a record.
 SAME = 0.3
 # Part of a force that counts as nothing: of that of an effect, which another leaves that acts
 # alike; of the friction, as a random force in which no cause is left to find.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.friction_curve import net_force
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, percent, plain_data
+from dryfric_control.ties import NEAR
 from dryfric_control.units import check_units
 
 # Directions of motion in words.
@@ -147,6 +148,9 @@ def identify_coulomb(
     friction.  That of inertia is zero over a slip from rest to rest, so stick-slip ripple does not
     bias the level; what is left at the ends of a piece is the rise of v^2/2.
 
+    Where mass and viscous coefficient are estimated as well, the standard errors contain theirs: an
+    error of the viscous coefficient is one of the level in proportion to the velocity.
+
     A crawl with every velocity within a Stribeck peak measures the raised level.  Where it does
     not stick and slip, nothing in the record shows the difference, except that friction may fall
     with velocity.  A warning says so unless the axis has a peak; standard errors are then those
@@ -180,6 +184,7 @@ def identify_coulomb(
             )
     travel = (float(record.x.min()), float(record.x.max()))
     viscous = mass = None
+    unsure = np.zeros((2, 2))
     fine = crawl.average(record, _FINE)
     if axis is not None:
         pieces = _levelled(axis, pieces)
@@ -190,6 +195,7 @@ def identify_coulomb(
         if viscous < 0.0:
             _tell(fine, record, "friction falls with velocity, as within a Stribeck peak")
         viscous, mass = max(viscous, 0.0), max(mass, 0.0)
+        unsure = _unsure(fine, travel)
     else:
         only = f"the velocity varies by {percent(varies)} only (motion slower than {crawl.SLOW:g}"
         _tell(fine, record, f"{only} of the typical velocity is left out)")
@@ -209,6 +215,11 @@ def identify_coulomb(
             )
         else:
             fits[s] = crawl.level_of(*given, int(degree))
+        # An error of viscous coefficient or mass is one of the level wherever the axis moves.
+        terms, place = np.column_stack([own.v, own.rise]), crawl.inner(own.x, travel)
+        degree_found = fits[s].coefficients.size - 1
+        shares = legendre.legfit(place, terms, degree_found, w=np.sqrt(own.way))
+        fits[s] = replace(fits[s], shared=shares @ unsure @ shares.T)
         if count < _ENOUGH:
             warn(
                 f"the level in {name} direction rests on {count} slips: a stiffer or faster loop "
@@ -289,9 +300,25 @@ def _along_the_way(pieces: crawl.Pieces, travel: tuple[float, float]) -> tuple[f
     """Viscous coefficient and mass by regression, levels of degree 3 aside."""
     basis = legendre.legvander(crawl.inner(pieces.x, travel), 3)
     columns = [basis * (pieces.direction == s)[:, None] for s in (1, -1)]
-    table = np.column_stack([*columns, pieces.v, pieces.rise])
+    others = np.column_stack([*columns, pieces.v])
     # Columns of size 1: least squares cuts what is small beside the largest, whatever its unit.
-    size = np.maximum(np.max(np.abs(table), axis=0), 1e-300)
+    size = np.maximum(np.max(np.abs(others), axis=0), 1e-300)
     root = np.sqrt(pieces.way / pieces.way.sum())
-    found = np.linalg.lstsq(table / size * root[:, None], pieces.u * root, rcond=None)[0] / size
-    return float(found[-2]), float(found[-1])
+    others *= root[:, None] / size
+    rise, force, unsure = (root * one for one in (pieces.rise, pieces.u, pieces.noise))
+    apart = rise - others @ np.linalg.lstsq(others, rise, rcond=None)[0]
+    # Noise of the velocity adds to the square of the rise, and would make the mass too small.
+    noise = float(unsure @ unsure + NEAR**2 * rise @ rise)
+    mass = float(apart @ force) / max(float(apart @ apart) - noise, noise, 1e-300)
+    found = np.linalg.lstsq(others, force - mass * rise, rcond=None)[0] / size
+    return float(found[-1]), mass
+
+
+def _unsure(pieces: crawl.Pieces, travel: tuple[float, float]) -> Floats:
+    """Covariance of `_along_the_way`, from leaving out one block at a time."""
+    label = np.zeros(pieces.way.size, dtype=np.int64)
+    for s in _WAYS:
+        own = pieces.direction == s
+        label[own] = s * (1 + crawl.blocks_of(pieces.only(own)))
+    left = [_along_the_way(pieces.only(label != g), travel) for g in np.unique(label)]
+    return crawl.spread_without(np.array(left))

@@ -48,6 +48,7 @@ class Pieces(NamedTuple):
     begin: Floats  # velocity at the ends of the piece
     end: Floats
     t: Floats  # time at its beginning [s]
+    noise: Floats  # standard deviation of `rise`
 
     def only(self, keep: Bools) -> Pieces:
         """The pieces marked in `keep`."""
@@ -86,8 +87,9 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
                 speed -= noise**2 / speed  # the weights hold the same noise: its square is none
                 rise = way * 0.5 * (v[d] ** 2 - v[c] ** 2) / far
                 means = far, place, w @ record.u[c:d], speed, rise
-                rows.append((*means, way, number, v[c], v[d], record.t[c]))
-    columns = np.reshape(rows, (-1, 10)).T
+                unsure = noise * np.hypot(v[c], v[d]) / far
+                rows.append((*means, way, number, v[c], v[d], record.t[c], unsure))
+    columns = np.reshape(rows, (-1, 11)).T
     return Pieces(*columns[:5], *columns[5:7].astype(np.int64), *columns[7:])
 
 
@@ -117,6 +119,7 @@ class Level:
     values: Floats  # whitened works, shape (n,)
     least: float  # what round-off of the works leaves in `values`
     blocks: Ints  # block of each piece
+    shared: Floats  # covariance of the coefficients from what was found along the way, too
 
     @cached_property
     def without_each(self) -> Floats:
@@ -127,9 +130,14 @@ class Level:
 
     @cached_property
     def covariance(self) -> Floats:
-        """Covariance of the coefficients, from leaving out one block at a time."""
-        moved = self.without_each - self.without_each.mean(axis=0)
-        return np.asarray((len(moved) - 1) / len(moved) * moved.T @ moved)
+        """Covariance of the coefficients."""
+        return spread_without(self.without_each) + self.shared
+
+
+def spread_without(each: Floats) -> Floats:
+    """Covariance of what is found without each of some blocks, as rows."""
+    moved = each - each.mean(axis=0)
+    return np.asarray((len(moved) - 1) / len(moved) * moved.T @ moved)
 
 
 def inner(x: ArrayLike, travel: tuple[float, float]) -> Floats:
@@ -173,7 +181,8 @@ def level_of(
         small = float(np.median(least / factor[0]))
         coefficients, root = _huber(rows, values, small)
         factor = _factor(pieces, work - basis @ coefficients, float(np.median(least)))
-    return Level(coefficients, rows * root[:, None], values * root, small, blocks)
+    none = np.zeros((degree + 1, degree + 1))
+    return Level(coefficients, rows * root[:, None], values * root, small, blocks, none)
 
 
 def _huber(rows: Floats, values: Floats, least: float) -> tuple[Floats, Floats]:

@@ -70,6 +70,17 @@ def test_levels_within_two_percent(seed, options, axis):
         assert np.max(np.abs(found(PLACES, s) / level(PLACES, s) - 1.0)) < 0.02  # the demand
 
 
+@pytest.mark.slow
+def test_errors_of_levels_contain_those_of_mass_and_viscous_friction():
+    places, scores = np.array([0.05, 0.15, 0.25]), []
+    for seed in range(10):
+        found = identify_coulomb(bench(seed)[0])
+        for s in (1, -1):
+            scores.append((found(places, s) - level(places, s)) / found.standard_error(places, s))
+    # One error of the viscous coefficient a record: ten draws; without its share this is 8.
+    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.5
+
+
 def test_an_experiment_within_the_peak_is_told():
     axis = dfc.FrictionAxis(
         mass=4.0, viscous=30.0, coulomb=12.0, stribeck=dfc.Stribeck(0.25, 0.02), travel=(0.0, 0.5)

@@ -23,8 +23,8 @@ from dryfric_control.text import length_text, percent
 
 #: What it does and how long that takes, as measured for the README.
 ABOUT = (
-    "Four parts: stick-slip, a fit with its replay, the figures of the paper, a diagnosis. About "
-    "10 s of a core; the first time, while code is compiled for later runs too, 54 s."
+    "Four parts: stick-slip, a fit with its replay, the figures of the paper, a diagnosis. Half a "
+    "minute of a core; the first time, while code is compiled for later runs too, over a minute."
 )
 #: Part of the record that is fitted; the rest is held out.
 TRAINING = 0.6
@@ -120,16 +120,17 @@ def paper(say: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, ct.Cont
     }
     say("    4 to 6, slow ramp on a simulated bench: levels, then the excess of the Stribeck peak")
     ramp = dfc.slow_ramp_experiment(axis, dt=2e-3, quantum=presets.QUANTUM)
-    levels = dfc.identify_coulomb(ramp.record)
-    # As in the paper, levels are known and vs is Sigma; the middle of the crawl gives the excess.
-    believed = levels.apply(axis.replace(stribeck=dfc.Stribeck(excess=0.1, speed=axis.stick_speed)))
-    quarter = len(ramp.record) // 4
+    # Mass and viscous friction are known, vs is Sigma (paper).  The way forwards gives the excess,
+    # and its levels again, whose error would be one of the excess.
+    believed = axis.replace(stribeck=dfc.Stribeck(excess=0.1, speed=axis.stick_speed))
+    levels = dfc.identify_coulomb(ramp.record, axis=believed)
+    free = ("stribeck.excess", *(f"coulomb_plus[{i}]" for i in range(len(levels.plus))))
+    forwards = ramp.record[: len(ramp.record) // 2]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", dfc.FitWarning)  # its messages are printed with the result
         peak = dfc.identify_stribeck(
-            believed, ramp.record[quarter : 3 * quarter], ramp.controller,
-            free=("stribeck.excess",), starts=1,
-        )  # fmt: skip
+            levels.apply(believed), forwards, ramp.controller, free=free, starts=1
+        )
     say(peak.summary())
     say("    7 to 11, switched PI observer in closed loop")
     loop = presets.clutch_experiment()

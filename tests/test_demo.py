@@ -30,6 +30,9 @@ def test_demo_makes_its_own_record_and_recovers_it(made):
     assert summary["coulomb_minus"] == pytest.approx(7.0, rel=0.01)
     windows = summary["held_out_windows"]
     assert windows["position_rms_after_m"] < 0.01 * windows["position_rms_before_m"]
+    excess = summary["bench"]["stick_slip"]["fit"]["parameters"]["stribeck.excess"]
+    # The true excess is 0.3: levels are known to 0.1 %, which is 0.0013 of breakaway over level.
+    assert excess == pytest.approx(0.3, abs=0.0013)
     measured, replayed = (summary["bench"]["stick_slip"][k] for k in ("measured", "replayed"))
     # The replayed stick-slip is the measured one within 10 %.
     assert replayed["amplitude"] == pytest.approx(measured["amplitude"], rel=0.1)

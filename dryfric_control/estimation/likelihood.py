@@ -66,9 +66,11 @@ _STEP, _STEP_ERRORS, _STEPS = 1e-3, 0.5, (1e-7, 1e-2)
 # Shortest length over which a force may change, in encoder increments: below, readings do not
 # show it, and it takes endless steps.
 _FINEST = 0.1
-# Largest step of a search coordinate of order 1; the same in standard errors, for one that is
-# poorly determined; and of the logarithm of a noise variance.
-_REACH, _REACH_ERRORS, NOISE_REACH = 0.7, 2.0, 3.0
+#: Largest step of a search coordinate of order 1.
+REACH = 0.7
+# The same in standard errors, for one that is poorly determined; and of the logarithm of a noise
+# variance.
+_REACH_ERRORS, NOISE_REACH = 2.0, 3.0
 # Lower bound of the ratio of the cost's curvature to the information, for a noise.
 _NOISE_BENT = 0.15
 # Difference step of the logarithm of a noise variance.
@@ -554,7 +556,7 @@ class Likelihood:
         """Largest step of coordinates, in their conditional standard errors 1/size."""
         parameter = free < len(self.names)
         return np.maximum(
-            np.where(parameter, _REACH, NOISE_REACH) * size,
+            np.where(parameter, REACH, NOISE_REACH) * size,
             np.where(parameter, _REACH_ERRORS, 0.0),
         )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats, Ints
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.estimation.likelihood import Likelihood, Point
+from dryfric_control.estimation.likelihood import REACH, Likelihood, Point
 from dryfric_control.estimation.solution import Solution
 
 # Predicted fall of the cost below which the search ends, and number of iterations that may bring
@@ -253,3 +253,34 @@ def continued(likelihood: Likelihood, z: Floats, until: float = math.inf) -> Flo
         part = _LOUD * _LOWER**rung
         z = held(likelihood, with_force(likelihood, z, part), SOME, until).z
     return z
+
+
+def looked(likelihood: Likelihood, z: Floats) -> list[Floats]:
+    """Points at ever lower random forces, from the likeliest one: the rest held, what acts at
+    breakaway is likeliest there.
+
+    The right peak is likelier than any larger one only within a range that shrinks with the random
+    force, to where each breakaway is on time: a search looks near and far at each of them.
+    """
+    own = [j for j, p in enumerate(likelihood.parameters) if p.breaks_away]
+    force, reading = (slice(len(likelihood.names) + i, None, 2) for i in (0, 1))
+    z = with_force(likelihood, z)
+    z[reading] = likelihood.low[reading]
+    rungs = math.ceil(float(np.max(z[force] - likelihood.low[force])) / (-2.0 * math.log(_LOWER)))
+    lengths = REACH * _LOWER ** np.arange(rungs)
+    steps = np.kron(np.concatenate((lengths, -lengths))[:, None], np.eye(z.size)[own])
+    costs, found = [], []
+    for _ in range(rungs + 1):
+        z = np.clip(z, likelihood.low, likelihood.high)
+        before, cost = math.inf, likelihood.tried(z).cost
+        while before - cost > _PROMISED:
+            near = np.clip(z + steps, likelihood.low, likelihood.high)
+            all_costs = [likelihood.tried(one).cost for one in near]
+            before, best = cost, int(np.argmin(all_costs))
+            if all_costs[best] < cost:
+                cost, z = all_costs[best], near[best]
+        costs.append(cost)
+        found.append(z)
+        z = z.copy()
+        z[force] += 2.0 * math.log(_LOWER)
+    return found[int(np.argmin(costs)) :]

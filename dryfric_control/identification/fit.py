@@ -26,7 +26,7 @@ from dryfric_control.estimation.parameters import (
 )
 from dryfric_control.estimation.plausibility import checked_records, warn_if_implausible
 from dryfric_control.estimation.random_force import acts, away_from_rest, lasting
-from dryfric_control.estimation.scoring import FEW, LAST, SOME, continued, maximise
+from dryfric_control.estimation.scoring import FEW, LAST, SOME, continued, looked, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.identification.identifiability import cannot_tell
@@ -398,18 +398,29 @@ def likeliest(
     progress: bool,
     name: str = "fit",
     kept: int = _KEPT,
+    look: bool = False,
 ) -> Fit:
-    """The fit from the most likely end of searches from some points, nominal values first."""
+    """The fit from the most likely end of searches from some points, nominal values first.
+
+    `look`: whether to look for what acts at breakaway before.
+    """
     noises = problem.start(1.0)[len(problem.names) :]
-    few = FEW if len(points) > kept else SOME
+    few = FEW if look or len(points) > kept else SOME
 
     def search(point: Floats) -> Solution:
         own = problem.on(problem.runs)
         return maximise(own, continued(own, np.concatenate((point, noises))), few)
 
+    def refined(z: Floats) -> Solution:
+        return maximise(problem.on(problem.runs), z, SOME, again=True)
+
     run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
     found = run(joblib.delayed(search)(p) for p in points)
     ends = list(tqdm(found, name, len(points), unit="start", disable=not progress))
+    if look:
+        there = looked(problem, np.concatenate((points[0], noises)))
+        found = run(joblib.delayed(refined)(z) for z in there)
+        ends += tqdm(found, name, len(there), unit="point", disable=not progress)
     ends = [ends[i] for i in ranked([one.cost for one in ends], _EQUAL)][:kept]
     if few < SOME:
         ends = [maximise(one.problem, one.z, SOME, again=True) for one in ends]

@@ -197,7 +197,9 @@ def identify_stribeck(
     -----
     The likelihood of `fit` has several maxima here: each breakaway shows the excess, each slip
     over what velocity it decays.  So the search starts from peaks of three widths, each with a
-    stick velocity as large and a hundredth of it, and goes on from the likeliest ends.
+    stick velocity as large and a hundredth of it.  Besides, with the levels held, it follows the
+    likeliest peak down to a random force that moves nothing, where only the right one breaks away
+    on time, and fits all together from there.  It goes on from the likeliest ends.
 
     Examples
     --------
@@ -230,7 +232,7 @@ def identify_stribeck(
         np.array([p.search(v) for p, v in zip(problem.parameters, values, strict=True)])
         for values in (values_of(one, problem.names) for one in guesses)
     ]
-    found = likeliest(problem, points, WINDOW, jobs, progress, "identify_stribeck", starts)
+    found = likeliest(problem, points, WINDOW, jobs, progress, "identify_stribeck", starts, True)
     if controller is None:
         return StribeckIdentification(found, ripple(record), None, None)
     loop = replay_loop(found.axis, record, controller)

@@ -160,11 +160,11 @@ def _rates(side, drive, t0, tau, at, strain, mode, rest):
     motor = 0.0
     if side.integers[step.STRUCTURE] & step.SPRING:
         motor = (step.drive_force(drive, tau) - force) * side.numbers[step.INVERSE_MOTOR]
-    s, t = float(mode), t0 + tau
-    if mode == 0 and not side.integers[step.STRUCTURE] & step.CONTACT:
+    s, t, contact = float(mode), t0 + tau, side.integers[step.STRUCTURE] & step.CONTACT
+    if mode == 0 and not contact:
         return motor, -side.numbers[step.STICK_RATE] * at.p
     w = step.load_under(side, force, t, at.y, at.p, s if abs(mode) == 1 else 0.0, rest)
-    if mode == 0 or _bristles(side):
+    if contact and (mode == 0 or _bristles(side)):
         z, most = _deflection(side, drive, t0, tau, at, strain, mode, rest)
         friction = _held(side, z, most, at.p)
     elif abs(mode) == _BACK:
@@ -292,21 +292,21 @@ def _margin(side, drive, t0, tau, at, strain, mode, rest, flips, length):
                 return -s * p
             m, k = _rates(side, drive, t0, tau, at, strain, mode, rest)
             return _tightens(side, drive, t0, tau, at, m, k, s, rest, length)
-        z = _stretched(strain, at.y)
-        s = 1.0 if z > 0.0 else -1.0
-        return _most(side, drive, t0, tau, at, s, rest) - s * z
+        held = _stretched(strain, at.y)
+        s = 1.0 if held > 0.0 else -1.0
+        return _most(side, drive, t0, tau, at, s, rest) - s * held
     if mode != 0:
         if s * p > side.numbers[step.STICK_SPEED]:
             return math.inf
         if s * p <= 0.0 and (side.integers[step.RULE] == step.FILIPPOV or flips == 0):
             return s * p
-    held = step.held_force(_transmitted(side, drive, tau, at))
+    felt = step.held_force(_transmitted(side, drive, tau, at))
     if mode == 0:
-        excess = step.hold_excess(side, held, t, 0.0, at.y, p, rest)[0]
+        excess = step.hold_excess(side, felt, t, 0.0, at.y, p, rest)[0]
         # A load that equals the level holds; how far it is from its end, no number says.
         return -excess if excess != 0.0 else math.inf
     # As a velocity, like the margin beyond the reversal: a search sees both.
-    excess = step.band_excess(side, held, t, 0.0, at.y, p, s)
+    excess = step.band_excess(side, felt, t, 0.0, at.y, p, s)
     return length * side.numbers[step.INVERSE_MASS] * excess
 
 

@@ -186,6 +186,9 @@ class Backlash(Effect):
     def meaning(self, units: tuple[str, str]) -> str:
         return _LOOSE if self.friction_on_motor >= 0.5 else ""
 
+    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
+        return (replace(self, friction_on_motor=1.0 - round(self.friction_on_motor)),)
+
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         parts, shares = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0), (0.35, 0.5, 0.65)
@@ -234,6 +237,9 @@ class LoadEncoderBacklash(Backlash):
     def inner(self, axis: BaseAxis) -> Inner:
         # Play and load, which is what is read.
         return super().inner(axis)._replace(on_load=1.0)
+
+    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
+        return ()
 
 
 @register_effect
@@ -293,6 +299,9 @@ class Compliance(Effect):
 
     def meaning(self, units: tuple[str, str]) -> str:
         return _LOOSE if self.friction_on_motor >= 0.5 else ""
+
+    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
+        return (replace(self, friction_on_motor=1.0 - round(self.friction_on_motor)),)
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:

@@ -176,7 +176,7 @@ def carrying(axis: BaseAxis, scale: float) -> dict[str, float]:
     for name, effect in named(axis).items():
         for own, kind in effect.parameters().items():
             value = getattr(effect, own)
-            if kind["kind"] == "share":
+            if kind["kind"] == "share" and kind["free"]:
                 rest = 1.0 - value + scale * value
                 changed |= {"mass": rest * axis.mass, f"{name}.{own}": scale * value / rest}
             elif kind["unit"][:1] == "N" and effect.action in factors:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 
@@ -268,17 +269,20 @@ def looked(likelihood: Likelihood, z: Floats) -> list[Floats]:
     z[reading] = likelihood.low[reading]
     rungs = math.ceil(float(np.max(z[force] - likelihood.low[force])) / (-2.0 * math.log(_LOWER)))
     lengths = REACH * _LOWER ** np.arange(rungs)
-    steps = np.kron(np.concatenate((lengths, -lengths))[:, None], np.eye(z.size)[own])
+    lengths, unit = np.concatenate((lengths, -lengths))[:, None], np.eye(z.size)
     costs, found = [], []
     for _ in range(rungs + 1):
         z = np.clip(z, likelihood.low, likelihood.high)
-        before, cost = math.inf, likelihood.tried(z).cost
-        while before - cost > _PROMISED:
-            near = np.clip(z + steps, likelihood.low, likelihood.high)
+        cost, idle = likelihood.tried(z).cost, 0
+        for j in itertools.cycle(own):
+            near = np.clip(z + lengths * unit[j], likelihood.low, likelihood.high)
             all_costs = [likelihood.tried(one).cost for one in near]
-            before, best = cost, int(np.argmin(all_costs))
+            best = int(np.argmin(all_costs))
+            idle = 0 if cost - all_costs[best] > _PROMISED else idle + 1
             if all_costs[best] < cost:
                 cost, z = all_costs[best], near[best]
+            if idle == len(own):
+                break
         costs.append(cost)
         found.append(z)
         z = z.copy()

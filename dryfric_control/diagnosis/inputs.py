@@ -38,6 +38,8 @@ def quieter(problem: Problem, recorded: Sequence[Run], fit: Solution, most: bool
     Measurement noise of the input does not act on the axis.  Left in, it would count as random
     force, and a lag that filters it would seem to be a cause.
     """
+    if problem.late:
+        return problem
     found = {0.0: tuple(recorded)}
     force = fit.largest_force
     for width in thresholds.WIDTHS[1:]:

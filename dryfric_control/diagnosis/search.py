@@ -245,7 +245,7 @@ class Search:
             return maximise(problem.likelihood(start), z, FEW, problem.until)
 
         best = fit(axis, True)
-        if not problem.spent(best):
+        if not (problem.late or problem.spent(best)):
             rows = problem.parallel(fit, starts, [False] * len(starts))
             best = min([best, *rows], key=cost_of)
         return maximise(best.problem, best.z, SOME, problem.until, again=True)

@@ -102,6 +102,8 @@ BESIDE_PAIR = (
         # The drive crosses its dead zone where the samples on which causes are compared are not.
         ("dead_zone", 2, "10-bit", 20_000, ("dead_zone", "bias_force")),
         (("spring", "input_delay"), 0, "short", 6000, BESIDE_PAIR),
+        # A load on a damper takes up what the drive does between the samples.
+        ("saturation", 91, "decimated", 5000, ("saturation", "compliance")),
     ],
 )
 def test_causes_are_named_beside_their_rivals(hidden, seed, condition, samples, candidates):

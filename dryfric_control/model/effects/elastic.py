@@ -294,8 +294,15 @@ class Compliance(Effect):
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
         # A period of the swing of motor against load.
-        reduced = self.load_fraction * (1.0 - self.load_fraction) * axis.mass
-        return 0.0, 2.0 * math.pi * math.sqrt(reduced / self.stiffness)
+        return 0.0, 2.0 * math.pi * math.sqrt(self._reduced(axis) / self.stiffness)
+
+    def plausible(self, axis: BaseAxis) -> bool:
+        # Two masses that do not swing against each other are joined by a damper, not by a spring.
+        return self.damping < 2.0 * math.sqrt(self.stiffness * self._reduced(axis))
+
+    def _reduced(self, axis: BaseAxis) -> float:
+        """Mass that swings, of motor against load."""
+        return self.load_fraction * (1.0 - self.load_fraction) * axis.mass
 
     def meaning(self, units: tuple[str, str]) -> str:
         return _LOOSE if self.friction_on_motor >= 0.5 else ""

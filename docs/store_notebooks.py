@@ -1,4 +1,4 @@
-"""Run the notebooks and store them with outputs: ``python docs/store_notebooks.py [NAME ...]``.
+"""Run the notebooks and store them with outputs: ``python docs/store_notebooks.py [PATTERN ...]``.
 
 What is stored is small and the same everywhere: figures with few colours, no progress bars, no
 paths of this machine, no times.
@@ -71,7 +71,10 @@ def store(path: Path) -> None:
 def main() -> None:
     os.environ.pop("MPLBACKEND", None)
     names = sys.argv[1:] or ["*.ipynb"]
-    for path in sorted(path for name in names for path in FOLDER.glob(name)):
+    paths = sorted(path for name in names for path in FOLDER.glob(name))
+    if not paths:
+        sys.exit(f"no notebook in {FOLDER.name}/ is called {' or '.join(names)}: try 03*")
+    for path in paths:
         store(path)
 
 

@@ -255,6 +255,8 @@ class Compliance(Effect):
     draws a carriage; with ``friction_on_motor=1`` those of the motor, as of a gear that turns a
     flexible arm.  Position and velocity are the motor's.  A simulation starts with the transmission
     unstrained.  A very stiff one costs time: the steps are a fraction of its natural period.
+    `diagnose` names it only where the masses swing: damping below twice the root of the stiffness
+    and the mass that swings, load_fraction (1 - load_fraction) m.
 
     Examples
     --------

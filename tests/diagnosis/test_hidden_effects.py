@@ -104,6 +104,8 @@ BESIDE_PAIR = (
         (("spring", "input_delay"), 0, "short", 6000, BESIDE_PAIR),
         # A load on a damper takes up what the drive does between the samples.
         ("saturation", 91, "decimated", 5000, ("saturation", "compliance")),
+        # With much random force the base parameters take up what the shares of the masses do.
+        ("backlash", 92, "exact", 20_000, ("backlash", "compliance")),
     ],
 )
 def test_causes_are_named_beside_their_rivals(hidden, seed, condition, samples, candidates):

@@ -44,7 +44,7 @@ def lopsided():
 
 def fitted(record, active=None):
     """The most likely bias, on the samples that are active."""
-    axis = AXIS.replace(effects=(dfc.effects.BiasForce(force=0.01),))
+    axis = AXIS.replace(effects=dfc.effects.BiasForce(force=0.01))
     problem = Likelihood(axis, ("bias_force.force",), [prepare(record, active)])
     return maximise(problem, problem.start(0.1))
 
@@ -53,12 +53,12 @@ def test_parameters_of_each_half_are_those_of_a_fit_without_it(lopsided):
     half, record, found = lopsided
     axes, where = found.unseen(0)
     np.testing.assert_array_equal(where, half)
-    for k, axis in enumerate(axes):
+    first, second = (axis.effects[0].force for axis in axes)
+    for k, one in enumerate((first, second)):
         alone = fitted(record, half != k)
         force, error = (d["bias_force.force"] for d in (alone.values(), alone.standard_errors()))
         # One step from the fit of all data; the halves themselves are two errors apart.
-        assert axis.effects[0].force == pytest.approx(force, abs=0.5 * error)
-    first, second = (axis.effects[0].force for axis in axes)
+        assert one == pytest.approx(force, abs=0.5 * error)
     # Without the first half, whose bias is positive, a negative one is seen.
     assert first < found.values()["bias_force.force"] < second
 
@@ -68,23 +68,19 @@ def test_held_out_costs_are_those_of_the_axes_of_the_other_half(lopsided):
     *_, found = lopsided
     costs, z, half = found.crossed
     problem = found.problem
+    seen = problem.blocks(0, found.point.out[0])
     for k in (0, 1):
         there = problem.blocks(0, problem.at(z[k]).out[0])
         np.testing.assert_allclose(costs[half == k], there[half == k], rtol=1e-12)
-    # With the bias of the other every half is predicted worse than it is fitted.
-    seen = problem.blocks(0, found.point.out[0])
-    for k in (0, 1):
+        # With the bias of the other every half is predicted worse than it is fitted.
         assert costs[half == k].sum() > seen[half == k].sum() + 0.5
 
 
 def test_where_both_halves_agree_little_is_lost():
-    axis = AXIS.replace(effects=(dfc.effects.BiasForce(force=0.5),))
-    problem = Likelihood(axis, ("bias_force.force",), [prepare(driven(axis))])
-    found = maximise(problem, problem.start(0.1))
-    axes, _ = found.unseen(0)
-    for one in axes:
+    found = fitted(driven(AXIS.replace(effects=dfc.effects.BiasForce(force=0.5))))
+    for one in found.unseen(0)[0]:
         assert one.effects[0].force == pytest.approx(0.5, abs=0.15)
-    lost = found.held_out().sum() - problem.blocks(0, found.point.out[0]).sum()
+    lost = found.held_out().sum() - found.problem.blocks(0, found.point.out[0]).sum()
     # Three coordinates, fitted twice: half a unit each is expected.
     assert abs(lost) < 10.0
 
@@ -108,33 +104,31 @@ def test_a_nested_model_that_adds_nothing_has_no_evidence(plain):
 
 
 def test_a_cause_that_is_there_has():
-    machine = AXIS.replace(effects=(dfc.effects.BiasForce(force=0.6),))
+    machine = AXIS.replace(effects=dfc.effects.BiasForce(force=0.6))
     problem = Problem(AXIS, (prepare(driven(machine)),))
     less, more = problem.fit(AXIS), problem.fit(machine, ("bias_force.force",))
     assert evidence(less, more) > 50.0
     assert evidence(more, less) < -50.0
 
 
-def test_white_innovations_count_in_full(plain):
-    fit = plain.fit(AXIS)
-    assert 1.0 <= long_run(fit) < 1.3
+def walk_of_first_order(samples, keep, seed):
+    """Normal values, of which each keeps so much of the one before."""
+    return lfilter([1.0], [1.0, -keep], np.random.default_rng(seed).standard_normal(samples))
 
 
-def test_coloured_innovations_count_as_fewer():
-    """A slow force that no parameter describes: neighbouring samples tell the same."""
-    rng = np.random.default_rng(5)
-    n, keep = 4000, np.exp(-DT / 0.05)
-    walk = np.zeros(n)
-    for k in range(1, n):
-        walk[k] = keep * walk[k - 1] + np.sqrt(1.0 - keep**2) * rng.standard_normal()
-    problem = Problem(AXIS, (prepare(driven(AXIS, levels=1.5 * walk)),))
+def test_white_innovations_count_in_full_and_coloured_ones_as_fewer(plain):
+    assert 1.0 <= long_run(plain.fit(AXIS)) < 1.3
+    # A slow force that no parameter describes: neighbouring samples tell the same.
+    keep = np.exp(-DT / 0.05)
+    slow = 1.5 * np.sqrt(1.0 - keep**2) * walk_of_first_order(4000, keep, 5)
+    problem = Problem(AXIS, (prepare(driven(AXIS, levels=slow)),))
     assert long_run(problem.fit(AXIS)) > 2.0
 
 
 def test_long_run_power_of_a_process_of_first_order():
     """Of correlation p from sample to sample: (1 + p)/(1 - p) times that of white noise."""
     n, p = 200_000, 0.8
-    walk = lfilter([1.0], [1.0, -p], np.random.default_rng(2).standard_normal(n))
+    walk = walk_of_first_order(n, p, 2)
     sums = products(walk, 200)
     np.testing.assert_allclose(sums[[0, 3]], [walk @ walk, walk[3:] @ walk[:-3]], rtol=1e-9)
     # The sum over some 25 lags is known to 2 %.

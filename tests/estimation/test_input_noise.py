@@ -1,7 +1,5 @@
 """Noise is taken off an input, and nothing else is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import savgol_filter

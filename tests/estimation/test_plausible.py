@@ -44,24 +44,19 @@ def test_a_motion_far_beyond_its_drive_is_told():
     axis = AXIS.replace(travel=None)
     with pytest.warns(dfc.RecordWarning, match=r"the motion needs about .* drive is at most 20 N"):
         warn_if_implausible(axis, dfc.Record(T, U, 1e3 * X))
-    scaled = axis.replace(effects=(dfc.effects.InputGain(1e3),))
+    scaled = axis.replace(effects=dfc.effects.InputGain(1e3))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warn_if_implausible(scaled, dfc.Record(T, U, 1e3 * X))
 
 
-@pytest.mark.parametrize(
-    "machine",
-    [
-        AXIS, AXIS.replace(effects=(dfc.effects.Spring(60.0, 0.1),)),
-        AXIS.replace(coulomb=4.0, mass=3.0, effects=(dfc.effects.BiasForce(0.3),)),
-    ],
-)  # fmt: skip
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("machine", [
+    AXIS, AXIS.replace(effects=dfc.effects.Spring(60.0, 0.1)),
+    AXIS.replace(coulomb=4.0, mass=3.0, effects=dfc.effects.BiasForce(0.3)),
+])  # fmt: skip
 def test_a_wrong_model_is_no_wrong_record(machine):
-    x = machine.simulate(U, dt=1e-3).y[0]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warn_if_implausible(AXIS, dfc.Record(T, U, x))
+    warn_if_implausible(AXIS, dfc.Record(T, U, machine.simulate(U, dt=1e-3).y[0]))
 
 
 @pytest.mark.parametrize("estimate", [dfc.diagnose, dfc.fit])

@@ -28,12 +28,10 @@ print(polynomial.stats.cache_path == "" or polynomial.stats.cache_path)
 
 
 def run(**environment):
-    own = {"PYTHONPATH": str(Path(dryfric_control.__file__).parents[1])}
     keep = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM], env=keep | own | environment, capture_output=True,
-        text=True, check=False,
-    )  # fmt: skip
+    keep["PYTHONPATH"] = str(Path(dryfric_control.__file__).parents[1])
+    program = [sys.executable, "-c", PROGRAM]
+    done = subprocess.run(program, env=keep | environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 

@@ -52,7 +52,7 @@ def turned(p, g, d):
 def test_two_masses_move_as_the_simulated_ones(h):
     # The load slides one way for ever, so that motions differ linearly with their start.
     spring = dfc.effects.Compliance(stiffness=3e4, damping=20.0, load_fraction=0.4)
-    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=1.0, effects=(spring,))
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=1.0, effects=spring)
     arrays = axis.arrays(h)
     moves = transition(arrays.numbers, arrays.integers, h, 1.0)
     runs = [axis.simulate([20.0 + push] * 2, dt=h, x0=0.1, v0=1.0 + more).y[:2, 1]
@@ -87,16 +87,13 @@ def test_states_of_a_covariance_change_places():
 
 
 @pytest.mark.parametrize("way", (1, -1))
-@pytest.mark.parametrize(
-    ("force", "v", "mode"),
-    [
-        (5.0, 0.02, 1),  # slides on, slower
-        (5.0, 0.0008, 0),  # comes to rest inside the sample
-        (-20.0, 0.005, -1),  # stops and sets out the other way
-        (12.0, 0.0, 1),  # breaks away
-        (7.0, 0.0, 0),  # is held
-    ],
-)
+@pytest.mark.parametrize(("force", "v", "mode"), [
+    (5.0, 0.02, 1),  # slides on, slower
+    (5.0, 0.0008, 0),  # comes to rest inside the sample
+    (-20.0, 0.005, -1),  # stops and sets out the other way
+    (12.0, 0.0, 1),  # breaks away
+    (7.0, 0.0, 0),  # is held
+])  # fmt: skip
 def test_a_coarse_sample_of_constant_friction_is_exact(force, v, mode, way):
     axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=8.0, stick_speed=1e-9)
     arrays = axis.arrays(H)
@@ -117,9 +114,7 @@ def test_slopes_of_the_acceleration(s):
     assert by_x == pytest.approx(-40.0 / 2.0, rel=1e-5)
     assert by_v == pytest.approx(-(15.0 + 2.0 * 30.0 * 0.2) / 2.0, rel=1e-3)
     plain = axis.replace(effects=()).arrays(H)
-    assert np.array_equal(
-        slopes(plain.numbers, plain.integers, 0.1, s * 0.2, s, 1e-6), (0.0, -15.0 / 2.0)
-    )
+    assert slopes(plain.numbers, plain.integers, 0.1, s * 0.2, s, 1e-6) == (0.0, -15.0 / 2.0)
 
 
 def test_a_coarse_sample_follows_viscous_friction_to_second_order():

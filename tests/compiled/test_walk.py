@@ -1,24 +1,18 @@
 """Steps of the exact simulation near places where they could become endless."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.integrate import solve_ivp
 
 import dryfric_control as dfc
 from dryfric_control.compiled import axis_step
 
-# Where round-off made an end of the steps impossible.
-AMPLITUDE, PERIOD, PHASE = 0.10037269687374795, 0.011194895705521474, -1.7562308709715575
-
 
 def test_a_load_that_changes_its_sign_without_a_level_is_passed():
     # Without dry friction the band around zero load has no width to stop in; while parameters
-    # are searched, a step may be off by more than it would be otherwise.
-    axis = dfc.FrictionAxis(
-        mass=1.0, viscous=940.3783435314627, coulomb=0.0,
-        effects=(dfc.effects.Cogging(AMPLITUDE, PERIOD, PHASE),),
-    )  # fmt: skip
+    # are searched, a step may be off by more than it would be otherwise.  Round-off of these
+    # numbers made an end of the steps impossible.
+    cogging = dfc.effects.Cogging(0.10037269687374795, 0.011194895705521474, -1.7562308709715575)
+    axis = dfc.FrictionAxis(mass=1.0, viscous=940.3783435314627, coulomb=0.0, effects=cogging)
     dt, u = 0.01, np.array([0.24286985793950053, -0.05316289110100975])
     start = 0.03361219675132647, -0.006907789665386662
     arrays = axis.arrays(dt)
@@ -31,7 +25,7 @@ def test_a_load_that_changes_its_sign_without_a_level_is_passed():
     def rate(t, state):
         x, v = state
         force = u[0] + (u[1] - u[0]) * t / dt
-        force += AMPLITUDE * np.sin(2.0 * np.pi * x / PERIOD + PHASE)
+        force += cogging.amplitude * np.sin(2.0 * np.pi * x / cogging.period + cogging.phase)
         return [v, force - axis.viscous * v]
 
     truth = solve_ivp(rate, (0.0, dt), start, method="LSODA", rtol=1e-9, atol=1e-12).y[:, -1]

@@ -4,11 +4,11 @@ Nothing else is touched: each is simulated, fitted, diagnosed, documented,
 and written to a file and read back.
 """
 
-import importlib.util
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 import pytest
@@ -18,10 +18,10 @@ from dryfric_control.diagnosis.candidates import BASE
 from dryfric_control.model.effects.columns import simulated
 from dryfric_control.model.effects.effect import ACTIONS, REGISTRY
 from dryfric_control.model.effects.naming import class_of
-from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict
 
 DT, QUANTUM = 1e-3, 1e-7
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+CATALOGUE = Path(__file__).parents[2] / "docs" / "_extensions" / "effects_catalogue.py"
 parameter = dfc.effects.parameter
 
 
@@ -37,9 +37,7 @@ class HalfBridge(Foreign):
     """Amplifier with another gain for positive commands."""
 
     gain: float = parameter("1", "gain for u > 0", bounds=(0.0, math.inf), neutral=1.0)
-
-    slug = "half_bridge"
-    action = "input"
+    slug, action = "half_bridge", "input"
     depends_on_place = False
 
     @staticmethod
@@ -52,9 +50,7 @@ class Bellows(Foreign):
     """Spring of the third power."""
 
     strength: float = parameter("N/m^3", "coefficient of x^3", bounds=(0.0, math.inf))
-
-    slug = "bellows"
-    action = "force"
+    slug, action = "bellows", "force"
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):
@@ -66,9 +62,7 @@ class DryCrown(Foreign):
     """Friction that is higher around one place."""
 
     rise: float = parameter("1", "relative rise of the level", bounds=(0.0, math.inf))
-
-    slug = "dry_crown"
-    action = "friction"
+    slug, action = "dry_crown", "friction"
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):
@@ -80,9 +74,7 @@ class OneSidedWear(Foreign):
     """Coulomb level that is lower forwards."""
 
     lost: float = parameter("1", "part of the level", bounds=(-0.9, 0.9))
-
-    slug = "one_sided_wear"
-    action = "axis"
+    slug, action = "one_sided_wear", "axis"
     depends_on_place = False
 
     def alter(self, axis):
@@ -95,11 +87,8 @@ class BusCycles(Foreign):
     """Cycles of a field bus, 1 ms each."""
 
     late: float = parameter("s", "delay of two hops", bounds=(0.0, math.inf), kind="time")
-
-    slug = "bus_cycles"
-    action = "delay"
-    depends_on_place = False
-    remembers = True
+    slug, action = "bus_cycles", "delay"
+    depends_on_place, remembers = False, True
 
     def inner(self, axis):
         return dfc.effects.Inner(delay=0.5 * self.late)
@@ -110,11 +99,8 @@ class Hose(Foreign):
     """Pressure that builds up through a hose."""
 
     fill: float = parameter("s", "time to fill", bounds=(0.0, math.inf), kind="time")
-
-    slug = "hose"
-    action = "lag"
-    depends_on_place = False
-    remembers = True
+    slug, action = "hose", "lag"
+    depends_on_place, remembers = False, True
 
     def inner(self, axis):
         return dfc.effects.Inner(lag=self.fill / 3.0)
@@ -125,11 +111,8 @@ class Bristles(Foreign):
     """Contact of given stiffness."""
 
     stiffness: float = parameter("N/m", "stiffness", bounds=(1.0, math.inf))
-
-    slug = "bristles"
-    action = "contact"
-    depends_on_place = False
-    remembers = True
+    slug, action = "bristles", "contact"
+    depends_on_place, remembers = False, True
 
     def inner(self, axis):
         return dfc.effects.Inner(contact=self.stiffness)
@@ -145,11 +128,8 @@ class Belt(Foreign):
     """Belt between halves of the mass, damped by a tenth of what is critical."""
 
     pitch: float = parameter("Hz", "natural frequency", bounds=(1.0, math.inf))
-
-    slug = "belt"
-    action = "transmission"
-    depends_on_place = False
-    remembers = True
+    slug, action = "belt", "transmission"
+    depends_on_place, remembers = False, True
 
     def inner(self, axis):
         reduced, omega = 0.25 * axis.mass, 2.0 * math.pi * self.pitch
@@ -168,9 +148,7 @@ class BentScale(Foreign):
     """Scale whose marks stand ever wider apart."""
 
     bend: float = parameter("1/m", "relative error of a mark per length", bounds=(-1.0, 1.0))
-
-    slug = "bent_scale"
-    action = "reading"
+    slug, action = "bent_scale", "reading"
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):
@@ -211,34 +189,26 @@ def test_every_action_has_one():
 @pytest.mark.parametrize("effect", TRUE, ids=lambda effect: effect.action)
 def test_an_effect_in_one_class_is_known_everywhere(effect, tmp_path):
     cls = type(effect)
-    name = next(iter(cls.parameters()))
-    true = getattr(effect, name)
+    ((name, true),) = vars(effect).items()
     only(cls, dfc.effects.BiasForce)
-    machine = AXIS.replace(effects=(effect,))
+    machine = AXIS.replace(effects=effect)
     record = made(machine, seconds=3.0)
     # Simulated: it changes the motion.
-    u = record.u[:1000]
-    moved = machine.simulate(u, DT).y[0] - AXIS.simulate(u, DT).y[0]
-    assert np.abs(moved).max() > 100 * QUANTUM
+    run, without = (axis.simulate(record.u[:1000], DT).y[0] for axis in (machine, AXIS))
+    assert np.abs(run - without).max() > 100 * QUANTUM
     # Fitted from numbers that are off.
-    off = AXIS.replace(effects=(cls(0.8 * true),))
-    found = dfc.fit(off, record, free=(cls.slug,))
+    found = dfc.fit(AXIS.replace(effects=cls(0.8 * true)), record, free=(cls.slug,))
     assert found.parameters[f"{cls.slug}.{name}"] == pytest.approx(true, rel=0.02)
     # Diagnosed.
     d = dfc.diagnose(AXIS, record, jobs=1)
     assert [cause.effect for cause in d.causes] == [cls.slug], str(d)
     assert d.causes[0].parameters[name] == pytest.approx(true, rel=0.05)
     assert d.causes[0].units == cls.units()
-    # Written to files and read back.
+    # Written to a file and read back.
     dfc.write_axis(machine, tmp_path / "axis.toml")
     assert dfc.read_axis(tmp_path / "axis.toml") == machine
-    assert axis_from_dict(axis_to_dict(machine)) == machine
     # Documented.
-    path = Path(__file__).parents[2] / "docs" / "_extensions" / "effects_catalogue.py"
-    spec = importlib.util.spec_from_file_location("effects_catalogue", path)
-    catalogue = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(catalogue)
-    text = "\n".join(catalogue.section(cls))
+    text = "\n".join(run_path(str(CATALOGUE))["section"](cls))
     assert f"`{cls.slug}`" in text and f"| `{name}` |" in text and cls.explanation in text
     assert cls.slug in machine.describe()
     del REGISTRY[cls.slug]
@@ -256,9 +226,10 @@ def test_a_diagnosis_finds_a_second_cogging():
     d = dfc.diagnose(AXIS.replace(effects=(FIRST,)), record, jobs=1)
     assert d.verdict == "explained", str(d)
     assert [c.effect for c in d.causes] == ["cogging_2"], str(d)
-    assert d.causes[-1].title == "cogging 2"
-    assert d.causes[-1].parameters["period"] == pytest.approx(SECOND.period, rel=0.01)
-    assert d.causes[-1].parameters["amplitude"] == pytest.approx(SECOND.amplitude, rel=0.05)
+    (cause,) = d.causes
+    assert cause.title == "cogging 2"
+    assert cause.parameters["period"] == pytest.approx(SECOND.period, rel=0.01)
+    assert cause.parameters["amplitude"] == pytest.approx(SECOND.amplitude, rel=0.05)
     periods = sorted(e.period for e in d.extended.effects)
     assert periods == pytest.approx([SECOND.period, FIRST.period], rel=0.01)
     # Each is fitted by its own name.

@@ -5,8 +5,6 @@ Fc = 1, Fs = 1.5, vs = 0.001, k = 2, belt 0.1 m/s. The reference below is writte
 the equations and integrates each mode by scipy between located switches.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 
@@ -27,24 +25,9 @@ DURATION = 39.0  # the fifth break-away comes at 38.2 s
 BANDS = (1e-6, 1e-4)
 
 
-def axis_with(band):
-    return dfc.FrictionAxis(
-        mass=MASS,
-        viscous=0.0,
-        coulomb=COULOMB,
-        stribeck=dfc.Stribeck(excess=EXCESS, speed=STRIBECK_SPEED),
-        stick_speed=band,
-        stick_rate=RATE,
-        effects=(dfc.effects.Spring(stiffness=STIFFNESS, rest=0.0),),
-    )
-
-
 @functools.cache
 def reference_switches(band):
-    """Rows of (time, mode before, mode after) by scipy, mode by mode.
-
-    The motion is upwards only, which is asserted.
-    """
+    """Rows of (time, mode before, mode after) by scipy, mode by mode, of an upward motion."""
 
     def sliding(t, y):
         peak = EXCESS * math.exp(-(((y[1] - band) / STRIBECK_SPEED) ** 2))
@@ -76,15 +59,9 @@ def reference_switches(band):
         # A step across the Stribeck peak, 2 ms wide at these decelerations, would leave the
         # event to an interpolation that cannot see it.
         run = solve_ivp(
-            sliding,
-            (t, DURATION),
-            [x, v],
-            method="DOP853",
-            rtol=1e-12,
-            atol=1e-14,
-            max_step=1e-3,
-            events=reaches_band,
-        )
+            sliding, (t, DURATION), [x, v], method="DOP853", rtol=1e-12, atol=1e-14,
+            max_step=1e-3, events=reaches_band,
+        )  # fmt: skip
         t, (x, v) = run.t[-1], run.y[:, -1]
         assert v >= 0.0
         if run.status == 1:
@@ -99,9 +76,13 @@ def reference_switches(band):
 @pytest.mark.parametrize("dt", [1e-4, 1e-3, 3e-3, 5e-3, 0.05, 0.5])
 @pytest.mark.parametrize("band", BANDS)
 def test_accuracy_does_not_depend_on_the_sampling_time(band, dt):
+    axis = dfc.FrictionAxis(
+        mass=MASS, viscous=0.0, coulomb=COULOMB, stribeck=dfc.Stribeck(EXCESS, STRIBECK_SPEED),
+        stick_speed=band, stick_rate=RATE, effects=dfc.effects.Spring(STIFFNESS, rest=0.0),
+    )  # fmt: skip
     # The spring's end moves linearly, so every sampling time describes the same motion.
     u = STIFFNESS * BELT * np.arange(round(DURATION / dt) + 1) * dt
-    events = axis_with(band).simulate(u, dt=dt, hold="first").events
+    events = axis.simulate(u, dt=dt, hold="first").events
     ours = np.column_stack([events.time, events.before, events.after])
     theirs = reference_switches(band)
     assert np.count_nonzero(theirs[:, 2] == 1) == 5
@@ -113,18 +94,11 @@ def test_accuracy_does_not_depend_on_the_sampling_time(band, dt):
 def test_reversals_of_a_coulomb_oscillator_come_every_half_period(dt):
     # m x'' + k x = -Fc sign(x'): each half swing is harmonic about -+Fc/k, so the speed
     # passes zero at n pi / omega, and the mass rests at the first turn within Fc/k.
-    omega, width, start = math.sqrt(40.0 / 2.0), 3.0 / 40.0, 1.0
-    axis = dfc.FrictionAxis(
-        mass=2.0,
-        viscous=0.0,
-        coulomb=3.0,
-        stick_speed=1e-9,
-        effects=(dfc.effects.Spring(stiffness=40.0, rest=0.0),),
-    )
-    events = axis.simulate(np.zeros(round(6.0 / dt)), dt=dt, x0=start).events
-    turns = math.ceil((start / width - 1.0) / 2.0)
-    assert turns == 7
-    expected = np.arange(1, turns + 1) * math.pi / omega
+    spring = dfc.effects.Spring(stiffness=40.0, rest=0.0)
+    axis = dfc.FrictionAxis(mass=2.0, viscous=0.0, coulomb=3.0, stick_speed=1e-9, effects=spring)
+    events = axis.simulate(np.zeros(round(6.0 / dt)), dt=dt, x0=1.0).events
+    turns = math.ceil((40.0 / 3.0 - 1.0) / 2.0)
+    expected = np.arange(1, turns + 1) * math.pi / math.sqrt(40.0 / 2.0)
     assert events.after[-1] == 0
     # The last event comes 2e-9 s early, at speed Sigma instead of 0; the others carry the
     # integration error alone.
@@ -136,14 +110,14 @@ def test_an_axis_whose_friction_rises_with_velocity_creeps_below_the_stick_speed
     # velocity at which load and friction are equal is an equilibrium.
     level, deficit, speed, band = 0.694, 0.95, 7.8e-4, 1e-4
     film = dfc.effects.VelocityStrengthening(deficit=deficit, speed=speed)
-    axis = dfc.FrictionAxis(mass=0.5, viscous=1.7, coulomb=level, stick_speed=band, effects=(film,))
+    axis = dfc.FrictionAxis(mass=0.5, viscous=1.7, coulomb=level, stick_speed=band, effects=film)
 
     def resists(v):
         return level * (1 - deficit * (1 - math.tanh(v / speed))) + 1.7 * v
 
     load = 0.5 * (resists(0.0) + resists(band))
+    expected = brentq(lambda v: resists(v) - load, 0.0, band)
     for v0 in (0.0, 0.9 * band, 20 * band):
         run = axis.simulate(np.full(2000, load), dt=2e-3, v0=v0)
-        expected = brentq(lambda v: resists(v) - load, 0.0, band)
         assert run.y[1, -1] == pytest.approx(expected, rel=1e-6)
         assert np.all(run.mode[1:] == 1)

@@ -1,7 +1,5 @@
 """Comparison friction laws against closed forms and an independent integration."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -12,16 +10,12 @@ from hypothesis import strategies as st
 from scipy.integrate import odeint
 
 import dryfric_control as dfc
+from dryfric_control import effects as fx
 from dryfric_control.model.laws import Dahl, Karnopp, LuGre, Sign, Tanh
 
 DT = 1e-3
-EVERY_LAW = (
-    Sign(),
-    Tanh(speed=1e-3),
-    Karnopp(band=1e-4),
-    Dahl(stiffness=1e4),
-    LuGre(stiffness=1e4, damping=100.0),
-)
+SMOOTH = Tanh(speed=1e-3), Dahl(stiffness=1e4), LuGre(stiffness=1e4, damping=100.0)
+EVERY_LAW = (Sign(), Karnopp(band=1e-4), *SMOOTH)
 each_law = pytest.mark.parametrize("law", EVERY_LAW, ids=lambda law: type(law).__name__)
 
 
@@ -36,7 +30,7 @@ def rich_axis(**changes):
     return dfc.FrictionAxis(
         mass=1.5, viscous=0.4, coulomb=dfc.CoulombMap(plus=[1.0, 0.3, 0.2], minus=[1.3, -0.2]),
         stribeck=dfc.Stribeck(excess=0.4, speed=0.05), stick_speed=1e-3, travel=(-1.0, 1.0),
-        effects=(dfc.effects.Spring(stiffness=2.0, rest=0.1),),
+        effects=(fx.Spring(stiffness=2.0, rest=0.1),),
     ).replace(**changes)  # fmt: skip
 
 
@@ -47,19 +41,15 @@ def test_sign_stops_after_the_closed_form_distance():
     # The speed is linear in time, so the method is exact; what is left is round-off.
     np.testing.assert_allclose(v, np.maximum(v0 - 3.0 / 2.0 * t, 0.0), atol=1e-13)
     assert x[-1] == pytest.approx(2.0 * v0**2 / (2 * 3.0), abs=1e-13)
-    assert mode[0] == 1 and force[0] == 3.0
-    assert mode[-1] == 0 and force[-1] == 0.0
+    assert (mode[0], force[0]) == (1, 3.0) and (mode[-1], force[-1]) == (0, 0.0)
 
 
 def test_sign_with_viscous_drag_stops_after_the_closed_form_time():
-    axis = coulomb_axis(viscous=0.8)
     v0 = 0.77
-    _, v, _, _ = Sign().run(axis, np.zeros(1000), DT, v0=v0)
-    stop = 2.0 / 0.8 * math.log1p(0.8 * v0 / 3.0)
-    assert v[int(stop / DT)] > 0.0
-    assert v[int(stop / DT) + 1] == 0.0
-    t = DT * np.arange(1000)
-    moving = (v0 + 3.0 / 0.8) * np.exp(-0.8 / 2.0 * t) - 3.0 / 0.8
+    _, v, _, _ = Sign().run(coulomb_axis(viscous=0.8), np.zeros(1000), DT, v0=v0)
+    stop = int(2.0 / 0.8 * math.log1p(0.8 * v0 / 3.0) / DT)
+    assert v[stop] > 0.0 and v[stop + 1] == 0.0
+    moving = (v0 + 3.0 / 0.8) * np.exp(-0.8 / 2.0 * DT * np.arange(1000)) - 3.0 / 0.8
     # tolerance = 1e-8 per step of a speed that loses at most Fc dt / m in one.
     np.testing.assert_allclose(v, np.maximum(moving, 0.0), atol=1e-9)
 
@@ -67,40 +57,29 @@ def test_sign_with_viscous_drag_stops_after_the_closed_form_time():
 def test_sign_loses_two_friction_widths_each_half_swing():
     # A mass on a spring under Coulomb friction turns at |x0| - 2 n Fc/k and
     # stops at the first turn with |x| <= Fc/k.
-    axis = coulomb_axis(effects=(dfc.effects.Spring(stiffness=40.0, rest=0.0),))
+    axis = coulomb_axis(effects=fx.Spring(stiffness=40.0, rest=0.0))
     x, _, _, mode = Sign(tolerance=1e-10).run(axis, np.zeros(6000), DT, x0=1.0)
-    width = 3.0 / 40.0
-    half_swings = math.ceil((1.0 / width - 1.0) / 2.0)
-    assert half_swings == 7
-    expected = -(1.0 - 2 * half_swings * width)
+    width, half_swings = 3.0 / 40.0, 7
     # Seven half swings of some 700 steps each, 1e-10 of the speed in each.
-    assert x[-1] == pytest.approx(expected, abs=1e-8)
+    assert x[-1] == pytest.approx(-(1.0 - 2 * half_swings * width), abs=1e-8)
     assert np.count_nonzero(np.diff(mode)) >= half_swings
 
 
-@pytest.mark.parametrize(
-    ("effect", "u", "braking"),
-    [
-        (dfc.effects.BiasForce(force=-1.0), 0.0, 4.0),
-        (dfc.effects.CoulombAsymmetry(force=0.5), 0.0, 3.5),
-        (dfc.effects.InputGain(gain=0.5), -2.0, 4.0),
-    ],
-    ids=lambda value: getattr(value, "slug", None),
-)
+@pytest.mark.parametrize(("effect", "u", "braking"), [
+    (fx.BiasForce(-1.0), 0.0, 4.0), (fx.CoulombAsymmetry(0.5), 0.0, 3.5),
+    (fx.InputGain(0.5), -2.0, 4.0),
+], ids=lambda value: getattr(value, "slug", None))  # fmt: skip
 @pytest.mark.parametrize("law", [Sign(), Karnopp(band=1e-12)], ids=lambda law: type(law).__name__)
 def test_effects_of_every_kind_reach_the_laws(law, effect, u, braking):
-    v0 = 0.77
-    x, _, _, mode = law.run(coulomb_axis(effects=(effect,)), np.full(1000, u), DT, v0=v0)
+    x, _, _, mode = law.run(coulomb_axis(effects=effect), np.full(1000, u), DT, v0=0.77)
     assert mode[-1] == 0
-    assert x[-1] == pytest.approx(2.0 * v0**2 / (2 * braking), abs=1e-12)
+    assert x[-1] == pytest.approx(2.0 * 0.77**2 / (2 * braking), abs=1e-12)
 
 
 @pytest.mark.parametrize("direction", [1, -1])
 def test_sign_breaks_away_inside_the_sample_of_a_ramp(direction):
     axis = coulomb_axis(coulomb=(3.0, 2.0))
-    level = 3.0 if direction > 0 else 2.0
-    t = DT * np.arange(1500)
-    slope = 4.4444
+    level, slope, t = 3.0 if direction > 0 else 2.0, 4.4444, DT * np.arange(1500)
     x, v, _, _ = Sign().run(axis, direction * slope * t, DT, hold="first")
     past = np.maximum(t - level / slope, 0.0)
     # Polynomials in time of degree 2 and 3: exact for a fifth-order method.
@@ -115,12 +94,10 @@ def test_karnopp_rests_below_breakaway_and_leaves_the_band_on_time():
     x, v, force, mode = law.run(axis, held, DT, x0=0.2)
     assert np.all(x == 0.2) and np.all(v == 0.0) and np.all(mode == 0)
     np.testing.assert_allclose(force, held, rtol=1e-15)
-
     # Beyond breakaway the momentum builds up at u - Fs: out after m band / (u - Fs).
     x, v, force, mode = law.run(axis, np.full(300, 4.63), DT, x0=0.2)
-    out = 2.0 * 1e-3 / 0.13
     first = int(np.argmax(mode))
-    assert first == math.ceil(out / DT)
+    assert first == math.ceil(2.0 * 1e-3 / 0.13 / DT)
     assert np.all(x[:first] == 0.2) and np.all(force[:first] == 4.5)
     assert np.all(np.diff(v[first:]) > 0.0)
 
@@ -133,7 +110,6 @@ def test_karnopp_gathers_momentum_over_pulses():
     x, v, _, mode = Karnopp(band=1e-3).run(coulomb_axis(), u, DT, hold="first")
     assert np.all(mode[:201] == 0) and np.all(x[:201] == 0.0)
     np.testing.assert_allclose(v[201:], 2 * 1.2e-3 / 2.0, rtol=1e-9)
-
     # A load that falls from 1.2 N above Fc to 1.2 N below gives half a triangle, 0.3 mN s.
     u = np.full(300, 3.0)
     u[0], u[1] = 3.0 + 1.2, 3.0 - 1.2
@@ -151,44 +127,34 @@ def test_karnopp_stops_at_the_edge_of_its_band():
 
 def stiff_reference(law, u, hold, x0, v0):
     """x, v, F of the rich axis by LSODA, written from the published equations."""
-    n = len(u)
 
     def friction(y):
         x, v, z = y
-        if v >= 0:
-            coulomb = 1.0 + 0.3 * x + 0.2 * x * x
-        else:
-            coulomb = 1.3 - 0.2 * x
+        coulomb = 1.0 + 0.3 * x + 0.2 * x * x if v >= 0 else 1.3 - 0.2 * x
         g = coulomb * (1 + 0.4 * math.exp(-(((abs(v) - 1e-3) / 0.05) ** 2)))
         if isinstance(law, Tanh):
             return g * math.tanh(v / law.speed), 0.0
         dz = v - law.stiffness * abs(v) / g * z
         return law.stiffness * z + getattr(law, "damping", 0.0) * dz, dz
 
-    out = np.empty((3, n))
-    y = np.array([x0, v0, 0.0])
-    for k in range(n):
-        out[:, k] = y[0], y[1], friction(y)[0]
-        if k + 1 == n:
-            return out
-        du = (u[k + 1] - u[k]) / DT if hold == "first" else 0.0
+    y, out = np.array([x0, v0, 0.0]), []
+    slopes = np.diff(u, append=u[-1]) / DT if hold == "first" else np.zeros(len(u))
+    for start, slope in zip(u, slopes, strict=True):
+        out.append((y[0], y[1], friction(y)[0]))
 
-        def rates(t, y, k=k, du=du):
+        def rates(t, y, start=start, slope=slope):
             force, dz = friction(y)
-            load = u[k] + du * t - 2.0 * (y[0] - 0.1) - 0.4 * y[1]
+            load = start + slope * t - 2.0 * (y[0] - 0.1) - 0.4 * y[1]
             return [y[1], (load - force) / 1.5, dz]
 
         y = odeint(
             rates, y, (0.0, DT), rtol=1e-11, atol=[1e-14, 1e-13, 1e-15], mxstep=5000, tfirst=True
         )[-1]
+    return np.array(out).T
 
 
 @pytest.mark.parametrize("hold", ["zero", "first"])
-@pytest.mark.parametrize(
-    "law",
-    [Tanh(speed=0.05), *(law for law in EVERY_LAW if isinstance(law, (Tanh, Dahl)))],
-    ids=lambda law: type(law).__name__,
-)
+@pytest.mark.parametrize("law", [Tanh(speed=0.05), *SMOOTH], ids=lambda law: type(law).__name__)
 def test_smooth_laws_agree_with_lsoda(law, hold):
     u = 3.0 * np.sin(2 * np.pi * 8.0 * DT * np.arange(150))
     x, v, force, _ = law.run(rich_axis(), u, DT, x0=0.05, v0=0.1, hold=hold)
@@ -204,10 +170,8 @@ def test_smooth_laws_agree_with_lsoda(law, hold):
 @each_law
 def test_mirrored_axis_gives_the_mirrored_motion(law):
     u = -6.0 * np.sin(2 * np.pi * 10.0 * DT * np.arange(100))
-    mirrored = rich_axis(
-        coulomb=dfc.CoulombMap(plus=[1.3, 0.2], minus=[1.0, -0.3, 0.2]),
-        effects=(dfc.effects.Spring(stiffness=2.0, rest=-0.1),),
-    )
+    levels = dfc.CoulombMap(plus=[1.3, 0.2], minus=[1.0, -0.3, 0.2])
+    mirrored = rich_axis(coulomb=levels, effects=fx.Spring(stiffness=2.0, rest=-0.1))
     one = law.run(rich_axis(), u, DT, x0=0.02, v0=0.1, hold="first")
     other = law.run(mirrored, -u, DT, x0=-0.02, v0=-0.1, hold="first")
     assert np.ptp(np.sign(one[1])) == 2.0
@@ -219,50 +183,40 @@ def test_mirrored_axis_gives_the_mirrored_motion(law):
 @pytest.mark.slow
 @settings(max_examples=10)
 @given(
-    amplitude=st.floats(0.0, 20.0),
-    frequency=st.floats(0.5, 40.0),
-    v0=st.floats(-1.0, 1.0),
-    band=st.floats(1e-8, 1e-2),
-    hold=st.sampled_from(["zero", "first"]),
-)
+    amplitude=st.floats(0.0, 20.0), frequency=st.floats(0.5, 40.0), v0=st.floats(-1.0, 1.0),
+    band=st.floats(1e-8, 1e-2), hold=st.sampled_from(["zero", "first"]),
+)  # fmt: skip
 def test_discontinuous_laws_dissipate_and_rest_only_when_held(amplitude, frequency, v0, band, hold):
     u = amplitude * np.sin(2 * np.pi * frequency * DT * np.arange(200))
     for law in (Sign(), Karnopp(band=band)):
         x, v, force, mode = law.run(rich_axis(), u, DT, v0=v0, hold=hold)
-        assert np.all(np.isfinite([x, v, force, mode]))
-        assert np.all(force * v >= 0.0)
+        assert np.all(np.isfinite([x, v, force, mode])) and np.all(force * v >= 0.0)
         rest = mode == 0
         assert np.all(v[rest] == 0.0)
-        plus = 1.4 * (1.0 + 0.3 * x + 0.2 * x * x)
-        minus = 1.4 * (1.3 - 0.2 * x)
-        load = u - 2.0 * (x - 0.1)
-        np.testing.assert_allclose(
-            force[rest], np.clip(load, -minus, plus)[rest], rtol=2e-3
-        )  # Sign holds the level at v = 0, exp(-(Sigma/vs)^2) = 0.9996 of breakaway's excess
+        plus, minus = 1.4 * (1.0 + 0.3 * x + 0.2 * x * x), 1.4 * (1.3 - 0.2 * x)
+        held = np.clip(u - 2.0 * (x - 0.1), -minus, plus)
+        # Sign holds the level at v = 0, exp(-(Sigma/vs)^2) = 0.9996 of breakaway's excess.
+        np.testing.assert_allclose(force[rest], held[rest], rtol=2e-3)
 
 
 @pytest.mark.slow
 @each_law
 def test_sampling_time_does_not_matter(law):
     # A triangle is the same input at both sampling times; the long samples need steps.
-    coarse, fine = 0.05, 1e-3
-    t = fine * np.arange(1001)
-    u = 2.5 * (1 - 2 * np.abs((t / 0.5) % 2 - 1))
+    u = 2.5 * (1 - 2 * np.abs((DT * np.arange(1001) / 0.5) % 2 - 1))
     law = dataclasses.replace(law, tolerance=1e-9)
-    often = law.run(rich_axis(), u, fine, v0=0.1, hold="first")
-    seldom = law.run(rich_axis(), u[::50], coarse, v0=0.1, hold="first")
+    often = law.run(rich_axis(), u, DT, v0=0.1, hold="first")
+    seldom = law.run(rich_axis(), u[::50], 50 * DT, v0=0.1, hold="first")
     # 1e-9 of the speed a step, 0.15 m/s here; friction forgets most of it.
-    np.testing.assert_allclose(seldom[0], often[0][::50], atol=1e-8)
-    np.testing.assert_allclose(seldom[1], often[1][::50], atol=1e-8)
+    for row in (0, 1):
+        np.testing.assert_allclose(seldom[row], often[row][::50], atol=1e-8)
 
 
 @each_law
 def test_simulate_is_the_same_run_behind_one_interface(law):
     u = 3.0 * np.sin(2 * np.pi * 5.0 * DT * np.arange(50))
     kept = u.copy()
-    axis = rich_axis()
-    response = axis.simulate(u, dt=DT, x0=0.02, v0=0.1, hold="first", law=law)
-    np.testing.assert_array_equal(
-        response.outputs, np.stack(law.run(axis, u, DT, 0.02, 0.1, "first"))
-    )
+    response = rich_axis().simulate(u, dt=DT, x0=0.02, v0=0.1, hold="first", law=law)
+    alone = law.run(rich_axis(), u, DT, 0.02, 0.1, "first")
+    np.testing.assert_array_equal(response.outputs, np.stack(alone))
     np.testing.assert_array_equal(u, kept)

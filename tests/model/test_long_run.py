@@ -3,8 +3,6 @@
 The same as ``benchmarks/long_run.py``, which does it over ten million samples.
 """
 
-from __future__ import annotations
-
 import long_run
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Reference motions: exact limits, exact ends, the closed form of the textbook."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,15 +16,13 @@ limit = st.floats(1e-3, 1e3)
 def test_phases_meet_the_end_within_the_limits(way, v, a, j):
     jerks, lengths = move_phases(way, v, a, j)
     assert np.all(lengths >= 0.0)
-    x = u = b = 0.0
-    tops = []
+    x = u = b = top_v = top_a = 0.0
     for jerk, h in zip(jerks, lengths, strict=True):
         x += h * (u + h * (b / 2.0 + h * jerk / 6.0))
         u += h * (b + h * jerk / 2.0)
         b += h * jerk
-        tops.append((u, abs(b)))
+        top_v, top_a = max(top_v, u), max(top_a, abs(b))
     # Seven phases, each of a few operations: round-off relative to the largest values.
-    top_v, top_a = np.max(tops, axis=0)
     assert abs(x - way) <= 1e-12 * way
     assert abs(u) <= 1e-12 * top_v and abs(b) <= 1e-12 * top_a
     assert top_v <= v * (1 + 1e-12) and top_a <= a * (1 + 1e-12)

@@ -21,13 +21,10 @@ def axes(draw):
     if draw(st.booleans()):
         stribeck = dfc.Stribeck(draw(st.floats(0.0, 1.5)), 10.0 ** draw(st.floats(-4, 0)))
     return dfc.FrictionAxis(
-        mass=mass,
-        viscous=mass * draw(st.floats(0.0, 100.0)),
-        coulomb=(level, ratio * level),
-        stribeck=stribeck,
-        stick_speed=10.0 ** draw(st.floats(-7, -2)),
+        mass, viscous=mass * draw(st.floats(0.0, 100.0)), coulomb=(level, ratio * level),
+        stribeck=stribeck, stick_speed=10.0 ** draw(st.floats(-7, -2)),
         stick_rate=draw(st.floats(50.0, 1500.0)),
-    )
+    )  # fmt: skip
 
 
 class Case(NamedTuple):
@@ -64,20 +61,17 @@ def test_run_is_finite_dissipative_and_balanced(case):
     resp = axis.simulate(u, DT, v0=v0, hold=hold)
     x, v, friction, mode = resp.y
     assert np.all(np.isfinite(resp.y))
-    sliding = mode != 0
+    stuck = mode == 0
     # Friction takes power while the axis slides, and acts against the motion.
-    assert np.all(friction[sliding] * v[sliding] >= 0.0)
-    assert np.all(mode[sliding] * v[sliding] >= 0.0)
+    assert np.all((friction * v)[~stuck] >= 0.0) and np.all(mode * v >= 0.0)
     # While stuck, friction is the load, within what it can hold.
-    stuck = ~sliding
     assert np.array_equal(friction[stuck], u[stuck])
     assert np.all(np.abs(v[stuck]) <= axis.stick_speed)
     top, bottom = float(axis.breakaway(0.0, 1)), float(axis.breakaway(0.0, -1))
     assert np.all((u[stuck] <= top) & (u[stuck] >= -bottom))
     # The leftover speed dies at the stick rate where no switch comes between.
     switched = np.zeros(u.size, bool)
-    places = np.minimum((resp.events.time / DT * (1.0 - 1e-12)).astype(int), u.size - 1)
-    switched[places] = True
+    switched[np.minimum((resp.events.time / DT * (1.0 - 1e-12)).astype(int), u.size - 1)] = True
     calm = stuck[:-1] & stuck[1:] & ~switched[:-1] & ~switched[1:]
     calm &= np.abs(v[:-1]) > 1e-240
     expected = v[:-1][calm] * math.exp(-axis.stick_rate * DT)
@@ -94,8 +88,7 @@ def test_switching_is_well_posed(case):
     # Under a constant load an axis can break away, or pass through zero, and
     # then come to rest; it cannot leave the rest it has come to.
     assert counts.max(initial=0) <= 3
-    for k in range(len(resp.events) - 1):
-        if resp.events.after[k] == 0:
-            assert resp.events.time[k + 1] >= math.floor(
-                resp.events.time[k] / DT + 1e-9
-            ) * DT + DT * (1.0 - 1e-9) or math.isclose(resp.events.time[k] % DT, DT, rel_tol=1e-9)
+    time = resp.events.time
+    for k in np.flatnonzero(resp.events.after[:-1] == 0):
+        if not math.isclose(time[k] % DT, DT, rel_tol=1e-9):
+            assert time[k + 1] >= math.floor(time[k] / DT + 1e-9) * DT + DT * (1.0 - 1e-9)

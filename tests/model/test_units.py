@@ -32,8 +32,7 @@ def axis_in(units, effects=()):
 def test_a_unit_of_a_rotary_axis(unit, rotary):
     assert on_axis(unit, ROTARY) == rotary
     assert powers(rotary) == powers(unit)
-    # What is in the units of an axis already stays so.
-    assert on_axis(rotary, ROTARY) == rotary
+    assert on_axis(rotary, ROTARY) == rotary  # in the units of the axis already
 
 
 def test_units_in_millimetres_and_metres():

@@ -4,8 +4,6 @@ A strength is relative to the axis: a share of its Coulomb level, of its travel,
 of its mass.  `stretch` widens a band that turned out too faint in a record.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,6 +73,7 @@ OUTSIDE_FIELDS = _fields(
     "speed_ripple amplitude=ripple speed=ripple_speed pitch=ripple_pitch",
 )
 OUTSIDE = tuple(OUTSIDE_FIELDS)
+KNOWN = FIELDS | ADDED_FIELDS | OUTSIDE_FIELDS
 
 
 def slowest(excess: float, coulomb: float, mass: float) -> float:
@@ -142,49 +141,36 @@ class Bands:
             slope = signed(0.1, 0.35) * stretch
             return {"slope": slope, "curvature": float(uniform(-0.5, 0.5)) * slope}
         if slug == "spring":
-            return {
-                "stiffness": float(uniform(0.12, 0.4) * stretch) * force / (0.5 * span),
-                "centre": float(low + span * uniform(0.3, 0.7)),
-            }
+            stiffness = float(uniform(0.12, 0.4) * stretch) * force / (0.5 * span)
+            return {"stiffness": stiffness, "centre": float(low + span * uniform(0.3, 0.7))}
         if slug == "gravity":
             return {"amplitude": float(uniform(0.12, 0.4) * stretch) * force, "phase": phase}
         if slug == "cogging":
-            return {
-                "amplitude": float(uniform(0.08, 0.25) * stretch) * force,
-                "pitch": float(uniform(0.03, 0.15)) * span,
-                "phase": phase,
-            }
+            amplitude = float(uniform(0.08, 0.25) * stretch) * force
+            pitch = float(uniform(0.03, 0.15)) * span
+            return {"amplitude": amplitude, "pitch": pitch, "phase": phase}
         if slug == "load_dependence":
             return {"coefficient": float(uniform(0.07, 0.25)) * stretch}
         if slug == "drift":
             return {"rate": signed(0.12, 0.35) * stretch / record}
         if slug == "dwell_time":
-            return {
-                "rise": float(uniform(0.3, 0.8)) * stretch * force,
-                "time_constant": float(uniform(0.1, 0.5)),
-            }
+            rise = float(uniform(0.3, 0.8)) * stretch * force
+            return {"rise": rise, "time_constant": float(uniform(0.1, 0.5))}
         if slug == "presliding":
             return {"distance": float(uniform(20e-6, 70e-6) * stretch * micro) * scale}
         if slug == "eccentric_encoder":
-            return {
-                "amplitude": float(uniform(30e-6, 150e-6) * stretch * micro) * scale,
-                "period": float(uniform(0.02, 0.08)) * span,
-                "phase": phase,
-            }
+            amplitude = float(uniform(30e-6, 150e-6) * stretch * micro) * scale
+            period = float(uniform(0.02, 0.08)) * span
+            return {"amplitude": amplitude, "period": period, "phase": phase}
         if slug in ("backlash", "load_encoder_backlash"):
-            return {
-                "gap": float(uniform(60e-6, 250e-6) * stretch * micro) * scale,
-                "load_fraction": float(uniform(0.3, 0.7)),
-            }
+            gap = float(uniform(60e-6, 250e-6) * stretch * micro) * scale
+            return {"gap": gap, "load_fraction": float(uniform(0.3, 0.7))}
         if slug == "compliance":
             share = float(uniform(0.3, 0.7))
             reduced = axis["mass"] * share * (1.0 - share)
             omega = 2.0 * np.pi * float(uniform(15.0, 40.0)) / stretch
-            return {
-                "stiffness": reduced * omega**2,
-                "damping": 2.0 * float(uniform(0.03, 0.1)) * reduced * omega,
-                "load_fraction": share,
-            }
+            damping = 2.0 * float(uniform(0.03, 0.1)) * reduced * omega
+            return {"stiffness": reduced * omega**2, "damping": damping, "load_fraction": share}
         if slug == "input_gain":
             return {"gain": 1.0 + signed(0.06, 0.2) * stretch}
         if slug == "input_delay":
@@ -197,54 +183,38 @@ class Bands:
             least = 1.2 * force * (1.0 + (axis["stribeck"] or {"excess": 0.0})["excess"])
             return {"limit": max(float(uniform(0.6, 0.85)) * self.peak / stretch, least)}
         if slug == "warm_up":
-            return {
-                "rise": float(uniform(0.15, 0.5) * stretch),
-                "time_constant": float(uniform(0.1, 0.3)) * record,
-            }
+            rise = float(uniform(0.15, 0.5) * stretch)
+            return {"rise": rise, "time_constant": float(uniform(0.1, 0.3)) * record}
         if slug == "stribeck_asymmetry":
             difference = signed(0.15, 0.4) * stretch
             least = slowest(abs(difference), force, axis["mass"])
-            return {
-                "difference": difference,
-                "speed": max(float(uniform(0.006, 0.025) * scale), least),
-            }
+            speed = max(float(uniform(0.006, 0.025) * scale), least)
+            return {"difference": difference, "speed": speed}
         if slug == "velocity_strengthening":
-            return {
-                "deficit": min(float(uniform(0.15, 0.4) * stretch), 0.9),
-                "speed": float(uniform(0.01, 0.04) * scale),
-            }
+            deficit = min(float(uniform(0.15, 0.4) * stretch), 0.9)
+            return {"deficit": deficit, "speed": float(uniform(0.01, 0.04) * scale)}
         if slug == "load_asymmetry":
             return {"coefficient": signed(0.05, 0.2) * stretch}
         if slug == "end_stop":
             low, high = float(self.reference.min()), float(self.reference.max())
             depth = float(uniform(0.05, 0.15)) * (high - low)
             stiffness = float(uniform(1.0, 3.0) * stretch) * force / depth
-            return {
-                "stiffness": stiffness,
-                "damping": float(uniform(0.1, 0.4)) * np.sqrt(stiffness * axis["mass"]),
-                "low": low + depth,
-                "high": high - depth,
-            }
-        return {
-            "amplitude": float(uniform(0.1, 0.3) * stretch) * force,
-            "frequency": float(uniform(0.5, 8.0)),
-            "phase": phase,
-        }
+            damping = float(uniform(0.1, 0.4)) * np.sqrt(stiffness * axis["mass"])
+            ends = {"low": low + depth, "high": high - depth}
+            return {"stiffness": stiffness, "damping": damping} | ends
+        amplitude = float(uniform(0.1, 0.3) * stretch) * force
+        return {"amplitude": amplitude, "frequency": float(uniform(0.5, 8.0)), "phase": phase}
 
     def _outside(self, slug: str, stretch: float) -> dict[str, float]:
-        rng, scale = self.rng, self.scale
+        rng, uniform, scale = self.rng, self.rng.uniform, self.scale
         micro = 4.0 if self.coarse else 1.0
-        uniform = rng.uniform
         low, high = self.axis["travel"]
         span, force = high - low, self.axis["coulomb"]
         n = self.reference.size
         visited = np.quantile(self.reference, (0.2, 0.8))
         if slug == "local_defect":
-            return {
-                "height": float(uniform(0.5, 1.5) * stretch),
-                "place": float(uniform(*visited)),
-                "width": float(uniform(0.008, 0.025)) * span,
-            }
+            height, place = float(uniform(0.5, 1.5) * stretch), float(uniform(*visited))
+            return {"height": height, "place": place, "width": float(uniform(0.008, 0.025)) * span}
         if slug == "impacts":
             self.push[:] = 0.0
             count = int(rng.integers(5, 12))
@@ -264,10 +234,8 @@ class Bands:
         if slug == "progressive_stop":
             top = float(self.reference.max())
             depth = float(uniform(0.1, 0.2)) * span
-            return {
-                "stiffness": float(uniform(0.5, 2.0) * stretch) * force / depth**2,
-                "place": top - depth,
-            }
+            stiffness = float(uniform(0.5, 2.0) * stretch) * force / depth**2
+            return {"stiffness": stiffness, "place": top - depth}
         if slug == "wandering_friction":
             time_constant, share = uniform(0.2, 0.6), uniform(0.12, 0.3) * stretch
             keep = np.exp(-DT / time_constant)
@@ -276,8 +244,6 @@ class Bands:
                 walk = keep * walk + kick
                 self.wander[k] = share * np.clip(walk, -2.5, 2.5)
             return {"share": float(share), "time_constant": float(time_constant)}
-        return {
-            "amplitude": float(uniform(0.3, 0.8) * stretch) * force,
-            "speed": self.speed,
-            "pitch": float(uniform(0.02, 0.08)) * span,
-        }
+        amplitude = float(uniform(0.3, 0.8) * stretch) * force
+        pitch = float(uniform(0.02, 0.08)) * span
+        return {"amplitude": amplitude, "speed": self.speed, "pitch": pitch}

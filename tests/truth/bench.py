@@ -5,7 +5,7 @@
     runs = make_machine(seed=3)                       # two to four effects, three records
 
 An effect's strength is drawn relative to the axis (a share of its Coulomb
-level, say) from the band written in `_draw`.  Every effect must matter in the
+level, say) from the band written in `Bands.draw`.  Every effect must matter in the
 record: `Case.visibility` is the mean over windows of 0.25 s of
 log(1 + (RMS error / quantum)^2) of a free run of the plant without that
 effect, started from the true state; for effects outside the catalogue, local
@@ -15,28 +15,15 @@ if that does not help, the axis and the reference are redrawn too (a record
 without slow break-aways after rests cannot show `dwell_time`).
 """
 
-from __future__ import annotations
-
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .bands import (
-    ADDED,
-    ADDED_FIELDS,
-    DT,
-    EFFECTS,
-    FIELDS,
-    OUTSIDE,
-    OUTSIDE_FIELDS,
-    Bands,
-    Effects,
-    slowest,
-)
+from .bands import ADDED, DT, EFFECTS, KNOWN, OUTSIDE, Bands, Effects, slowest
 from .plant import Plant, closed_loop, free_runs
 from .recorder import RECORDERS, noisy, recorded
 from .reference import make_reference, make_runs
@@ -112,32 +99,33 @@ def make_case(
     if condition in RECORDERS:
         return _spoiled(make_case(effects, seed), condition)
     slugs = (effects,) if isinstance(effects, str) else tuple(effects)
-    known = FIELDS | ADDED_FIELDS | OUTSIDE_FIELDS
     for slug in slugs:
-        if slug not in known:
-            raise ValueError(f"effects: unknown effect {slug!r}; one of {', '.join(known)}")
+        if slug not in KNOWN:
+            raise ValueError(f"effects: unknown effect {slug!r}; one of {', '.join(KNOWN)}")
     if len({"backlash", "compliance", "load_encoder_backlash"} & set(slugs)) > 1:
         raise ValueError("effects: the bench has one transmission: backlash or compliance")
     if condition not in CONDITIONS:
-        known_conditions = ", ".join((*CONDITIONS, *RECORDERS))
-        raise ValueError(f"condition {condition!r}: one of {known_conditions}")
-    name = zlib.crc32(" ".join(sorted(slugs)).encode())
-    rng = np.random.default_rng([seed, name, CONDITIONS.index(condition)])
+        known = ", ".join((*CONDITIONS, *RECORDERS))
+        raise ValueError(f"condition {condition!r}: one of {known}")
+    rng = _random(seed, slugs, CONDITIONS.index(condition))
     if isinstance(effects, Mapping):
         for slug in slugs:
-            if not known[slug]:
+            if not KNOWN[slug]:
                 raise ValueError(f"effects: {slug!r} has no parameters to give; pass its name")
         return _Bench(rng, slugs, condition).run({k: dict(p) for k, p in effects.items()}, seed)
     for _ in range(20):
         bench = _Bench(rng, slugs, condition)
         for stretch in (1.0, 1.5, 2.25):
             case = bench.run({slug: bench.bands.draw(slug, stretch) for slug in slugs}, seed)
-            if all(
-                score >= (LOUD if slug in OUTSIDE_FIELDS else VISIBLE)
-                for slug, score in case.visibility.items()
-            ):
+            least = {slug: LOUD if slug in OUTSIDE else VISIBLE for slug in slugs}
+            if all(score >= least[slug] for slug, score in case.visibility.items()):
                 return case
     raise RuntimeError(f"no record shows all of {slugs} (seed {seed}, {condition}); widen a band")
+
+
+def _random(seed: int, slugs: Iterable[str], condition: int) -> np.random.Generator:
+    """Random numbers of their own for each set of effects and each condition."""
+    return np.random.default_rng([seed, zlib.crc32(" ".join(sorted(slugs)).encode()), condition])
 
 
 def make_null(seed: int, condition: str = "exact") -> Case:
@@ -204,8 +192,7 @@ def make_machine(seed: int, effects: int | Sequence[str] | None = None) -> tuple
 
 def _spoiled(case: Case, condition: str) -> Case:
     """The case as a poor logger has recorded it."""
-    name = zlib.crc32(" ".join(sorted(case.truth)).encode())
-    rng = np.random.default_rng([case.seed, name, len(CONDITIONS) + RECORDERS.index(condition)])
+    rng = _random(case.seed, case.truth, len(CONDITIONS) + RECORDERS.index(condition))
     t, u, x, kept = recorded(
         condition, case.t, case.u, case.x, case.states, case.quantum,
         case.actual["coulomb"], bool(case.seed % 2), rng,
@@ -219,40 +206,26 @@ def _spoiled(case: Case, condition: str) -> Case:
 def visibility(case: Case, slug: str) -> float:
     """Score of free runs of the plant without `slug`; see the module."""
     rest = {name: p for name, p in case.truth.items() if name != slug}
-    plant = _plant(case.actual if slug not in BASE else _without(case, slug), rest)
+    base = {BASE[slug]: case.believed[BASE[slug]]} if slug in BASE else {}
+    plant = _plant(case.actual | base, rest)
     x = free_runs(plant, case.u, DT, case.substeps, case.states, WINDOW)
     n = case.t.size // WINDOW * WINDOW
     error = (case.x - x)[:n].reshape(-1, WINDOW) / case.quantum
     score = np.sort(np.log1p(np.mean(error**2, axis=1)))
-    return float(np.mean(score[-max(1, score.size // 10) :] if slug in OUTSIDE_FIELDS else score))
+    return float(np.mean(score[-max(1, score.size // 10) :] if slug in OUTSIDE else score))
 
 
 BASE = {"inertia": "mass", "viscous": "viscous", "coulomb": "coulomb"}
 
 
-def _without(case: Case, slug: str) -> dict[str, Any]:
-    return case.actual | {BASE[slug]: case.believed[BASE[slug]]}
-
-
 def _plant(axis: Mapping[str, Any], truth: Mapping[str, Mapping[str, float]]) -> Plant:
     """The plant of a base axis with effects."""
     low, high = axis["travel"]
-    values = {
-        "mass": axis["mass"],
-        "viscous": axis["viscous"],
-        "coulomb": axis["coulomb"],
-        "stick_speed": axis["stick_speed"],
-        "middle": 0.5 * (low + high),
-        "half_travel": 0.5 * (high - low),
-    }
-    if axis["stribeck"] is not None:
-        values["excess"] = axis["stribeck"]["excess"]
-        values["stribeck_speed"] = axis["stribeck"]["speed"]
-    known = FIELDS | ADDED_FIELDS | OUTSIDE_FIELDS
-    for slug, parameters in truth.items():
-        for name, value in parameters.items():
-            if name in known[slug]:
-                values[known[slug][name]] = value
+    values = {name: axis[name] for name in ("mass", "viscous", "coulomb", "stick_speed")}
+    values |= {"middle": 0.5 * (low + high), "half_travel": 0.5 * (high - low)}
+    for slug, parameters in {"stribeck": axis["stribeck"] or {}, **truth}.items():
+        names = KNOWN[slug]
+        values |= {names[name]: value for name, value in parameters.items() if name in names}
     values["load_encoder"] = float("load_encoder_backlash" in truth)
     if {"backlash", "load_encoder_backlash"} & set(truth):
         # Contact: the Coulomb level bends it by 2e-6 of the travel (0.6 um of
@@ -284,12 +257,10 @@ class _Bench:
     """Axis, controller, encoder and reference of one record."""
 
     def __init__(self, rng: np.random.Generator, slugs: tuple[str, ...], condition: str) -> None:
-        self.rng = rng
-        self.condition = condition
+        self.rng, self.condition = rng, condition
         rotary = "gravity" in slugs or rng.random() < 0.15
         self.unit = "rad" if rotary else "m"
-        self.scale = 12.0 if rotary else 1.0  # a rotary travel is 12 times as many units
-        scale = self.scale
+        self.scale = scale = 12.0 if rotary else 1.0  # a rotary travel is 12 times as many units
         mass = 10.0 ** rng.uniform(0.0, 1.3)
         coulomb = mass * 10.0 ** rng.uniform(-0.3, 0.6)  # stops 0.5 to 4 m/s^2
         viscous = mass * rng.uniform(2.0, 12.0)
@@ -344,12 +315,11 @@ class _Bench:
         )  # fmt: skip
 
     def _loop(self, plant: Plant) -> tuple[Array, Array, Array]:
-        result: tuple[Array, Array, Array] = closed_loop(
+        return closed_loop(
             plant, self.reference, DT, _substeps(plant), self.kp, self.ki, self.kd,
             self.filter_time, self.limit, self.quantum, self.readings, self.offset,
             self.push, self.wander,
         )  # fmt: skip
-        return result
 
     def rerun(self, reference: Array, truth: Effects, seed: int) -> Case:
         """The same axis, loop and encoder on another reference."""
@@ -360,10 +330,7 @@ class _Bench:
         return self.run(truth, seed)
 
     def run(self, truth: Effects, seed: int) -> Case:
-        actual = dict(self.axis)
-        for slug, key in BASE.items():
-            if slug in truth:
-                actual[key] = truth[slug][key]
+        actual = self.axis | {key: truth[slug][key] for slug, key in BASE.items() if slug in truth}
         plant = _plant(actual, truth)
         u, x, states = self._loop(plant)
         case = Case(

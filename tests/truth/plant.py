@@ -59,10 +59,8 @@ Outside the product's catalogue:
     speed_ripple        e = + amplitude (v/speed)^3 sin(2 pi x/pitch)
 """
 
-from __future__ import annotations
-
+from collections import namedtuple
 from math import exp, floor, pi, sin
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -71,74 +69,31 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class Plant(NamedTuple):
-    """Every number of the bench's mechanics; the defaults switch effects off."""
+#: Every number of the bench's mechanics; the defaults switch effects off.
+DEFAULTS = dict(
+    mass=2.0, viscous=10.0, coulomb=8.0,
+    excess=0.0, stribeck_speed=1.0, stick_speed=1e-4,  # sigma, vs, Sigma
+    middle=0.0, half_travel=1.0,
+    asymmetry=0.0, slope=0.0, curvature=0.0, drift=0.0, load=0.0,
+    dwell_rise=0.0, dwell_time=1.0, presliding=0.0, bias=0.0, drag=0.0,
+    spring=0.0, spring_centre=0.0, gravity=0.0, gravity_phase=0.0,
+    cogging=0.0, cogging_pitch=1.0, cogging_phase=0.0,
+    periodic=0.0, periodic_frequency=0.0, periodic_phase=0.0,
+    gain=1.0, delay=0.0, lag=0.0, dead_zone=0.0, saturation=np.inf,
+    load_fraction=0.0,  # > 0: two masses
+    motor_rubs=0.0,  # > 0: friction and e act on the motor
+    gap=0.0, coupling_stiffness=0.0, coupling_damping=0.0,
+    defect=0.0, defect_place=0.0, defect_width=1.0, stop_stiffness=0.0, stop_place=0.0,
+    ripple=0.0, ripple_speed=1.0, ripple_pitch=1.0,
+    eccentricity=0.0, eccentricity_period=1.0, eccentricity_phase=0.0, load_difference=0.0,
+    deficit=0.0, deficit_speed=1.0, excess_difference=0.0, difference_speed=1.0,
+    warm_rise=0.0, warm_time=1.0,
+    load_encoder=0.0,  # 1: the encoder is on the load
+    wall_stiffness=0.0, wall_damping=0.0, wall_low=0.0, wall_high=0.0,
+)  # fmt: skip
+Plant = namedtuple("Plant", DEFAULTS, defaults=DEFAULTS.values())
 
-    mass: float = 2.0
-    viscous: float = 10.0
-    coulomb: float = 8.0
-    excess: float = 0.0  # sigma
-    stribeck_speed: float = 1.0  # vs
-    stick_speed: float = 1e-4  # Sigma
-    middle: float = 0.0
-    half_travel: float = 1.0
-    asymmetry: float = 0.0
-    slope: float = 0.0
-    curvature: float = 0.0
-    drift: float = 0.0
-    load: float = 0.0
-    dwell_rise: float = 0.0
-    dwell_time: float = 1.0
-    presliding: float = 0.0
-    bias: float = 0.0
-    drag: float = 0.0
-    spring: float = 0.0
-    spring_centre: float = 0.0
-    gravity: float = 0.0
-    gravity_phase: float = 0.0
-    cogging: float = 0.0
-    cogging_pitch: float = 1.0
-    cogging_phase: float = 0.0
-    periodic: float = 0.0
-    periodic_frequency: float = 0.0
-    periodic_phase: float = 0.0
-    gain: float = 1.0
-    delay: float = 0.0
-    lag: float = 0.0
-    dead_zone: float = 0.0
-    saturation: float = np.inf
-    load_fraction: float = 0.0  # > 0: two masses
-    motor_rubs: float = 0.0  # > 0: friction and e act on the motor
-    gap: float = 0.0
-    coupling_stiffness: float = 0.0
-    coupling_damping: float = 0.0
-    defect: float = 0.0
-    defect_place: float = 0.0
-    defect_width: float = 1.0
-    stop_stiffness: float = 0.0
-    stop_place: float = 0.0
-    ripple: float = 0.0
-    ripple_speed: float = 1.0
-    ripple_pitch: float = 1.0
-    eccentricity: float = 0.0
-    eccentricity_period: float = 1.0
-    eccentricity_phase: float = 0.0
-    load_difference: float = 0.0
-    deficit: float = 0.0
-    deficit_speed: float = 1.0
-    excess_difference: float = 0.0
-    difference_speed: float = 1.0
-    warm_rise: float = 0.0
-    warm_time: float = 1.0
-    load_encoder: float = 0.0  # 1: the encoder is on the load
-    wall_stiffness: float = 0.0
-    wall_damping: float = 0.0
-    wall_low: float = 0.0
-    wall_high: float = 0.0
-
-
-# State vector: motor position and speed, load position and speed, presliding
-# deflection, time at rest, force behind the actuator lag.
+# Motor position and speed, those of the load, presliding deflection, time at rest, force after lag.
 X, V, XL, VL, Z, REST, LAG = range(7)
 NSTATES = 7
 
@@ -155,19 +110,14 @@ def _read(p, state):
 @njit(cache=True)
 def _external(p, t, x, v):
     """Force e on the friction-bearing mass, friction and drive apart."""
-    e = p.bias - p.viscous * v
-    if p.drag != 0.0:
-        e -= p.drag * v * abs(v)
-    if p.spring != 0.0:
-        e -= p.spring * (x - p.spring_centre)
+    e = p.bias - p.viscous * v - p.drag * v * abs(v) - p.spring * (x - p.spring_centre)
     if p.gravity != 0.0:
         e -= p.gravity * sin(x + p.gravity_phase)
     if p.cogging != 0.0:
         e += p.cogging * sin(2.0 * pi * x / p.cogging_pitch + p.cogging_phase)
     if p.periodic != 0.0:
         e += p.periodic * sin(2.0 * pi * p.periodic_frequency * t + p.periodic_phase)
-    if p.stop_stiffness != 0.0 and x > p.stop_place:
-        e -= p.stop_stiffness * (x - p.stop_place) ** 2
+    e -= p.stop_stiffness * max(0.0, x - p.stop_place) ** 2
     if p.wall_stiffness != 0.0:
         if x > p.wall_high:
             e -= max(0.0, p.wall_stiffness * (x - p.wall_high) + p.wall_damping * v)
@@ -182,11 +132,9 @@ def _external(p, t, x, v):
 def _level(p, t, x, speed, w, s, wander):
     """Friction magnitude g against motion of sign s; speed < 0: breakaway."""
     g = p.coulomb * (1.0 + s * p.asymmetry) * (1.0 + wander)
-    if p.slope != 0.0 or p.curvature != 0.0:
-        q = (x - p.middle) / p.half_travel
-        g *= 1.0 + p.slope * q + p.curvature * q * q
-    if p.drift != 0.0:
-        g *= 1.0 + p.drift * t
+    q = (x - p.middle) / p.half_travel
+    g *= 1.0 + p.slope * q + p.curvature * q * q
+    g *= 1.0 + p.drift * t
     if p.warm_rise != 0.0:
         g *= 1.0 + p.warm_rise * exp(-t / p.warm_time)
     if p.defect != 0.0:
@@ -221,9 +169,7 @@ def _released(p, t, x, w, rest, wander, force, speed):
 
     `speed` picks the level that holds: -1 breakaway, 0 that of an arriving axis.
     """
-    extra = 0.0
-    if p.dwell_rise != 0.0:
-        extra = p.dwell_rise * (1.0 - exp(-rest / p.dwell_time))
+    extra = p.dwell_rise * (1.0 - exp(-rest / p.dwell_time))
     if force > _level(p, t, x, speed, w, 1.0, wander) + extra:
         return force - _level(p, t, x, 0.0, w, 1.0, wander)
     if force < -_level(p, t, x, speed, w, -1.0, wander) - extra:
@@ -239,7 +185,6 @@ def _kick(p, m, t, h, x, v, w, push, wander, state):
     """
     if p.presliding > 0.0:
         return _kick_elastic(p, m, t, h, x, v, w, push, wander, state)
-    left = h
     if v == 0.0:
         net = w + push + _external(p, t, x, 0.0)
         net = _released(p, t, x, w, state[REST], wander, net, -1.0)
@@ -260,8 +205,7 @@ def _kick(p, m, t, h, x, v, w, push, wander, state):
         return new
     # The speed would change sign: friction s acts until it is zero, then the
     # impulse of the rest of the substep is clipped to the friction set.
-    if v != 0.0:
-        left = h + v / a
+    left = h if v == 0.0 else h + v / a
     net = _released(p, t, x, w, 0.0, wander, w + push + _external(p, t, x, 0.0), 0.0)
     if net == 0.0:
         state[REST] = left
@@ -273,9 +217,7 @@ def _kick(p, m, t, h, x, v, w, push, wander, state):
 def _kick_elastic(p, m, t, h, x, v, w, push, wander, state):
     """The kick with an elastic contact that slides at level g."""
     k = p.coulomb / p.presliding
-    extra = 0.0
-    if p.dwell_rise != 0.0:
-        extra = p.dwell_rise * (1.0 - exp(-state[REST] / p.dwell_time))
+    extra = p.dwell_rise * (1.0 - exp(-state[REST] / p.dwell_time))
     zm = state[Z] + 0.5 * h * v
     s = 1.0 if zm > 0.0 else -1.0
     bound = _level(p, t, x, abs(v), w, s, wander) + extra
@@ -303,13 +245,10 @@ def _kick_elastic(p, m, t, h, x, v, w, push, wander, state):
 @njit(cache=True)
 def _transmitted(p, dx, dv):
     """Force from motor to load, over the gap or through the compliance."""
-    if p.gap > 0.0:
-        if dx > 0.5 * p.gap:
-            return max(0.0, p.coupling_stiffness * (dx - 0.5 * p.gap) + p.coupling_damping * dv)
-        if dx < -0.5 * p.gap:
-            return min(0.0, p.coupling_stiffness * (dx + 0.5 * p.gap) + p.coupling_damping * dv)
-        return 0.0
-    return p.coupling_stiffness * dx + p.coupling_damping * dv
+    beyond = dx - min(max(dx, -0.5 * p.gap), 0.5 * p.gap)
+    force = p.coupling_stiffness * beyond + p.coupling_damping * dv
+    pulls = p.gap > 0.0 and beyond * force <= 0.0  # the ends of a play only push
+    return 0.0 if pulls else force
 
 
 @njit(cache=True)
@@ -329,13 +268,7 @@ def _advance(p, state, t, dt, substeps, before, now, push, wander):
             state[LAG] = w + offset * decay
             w += offset * (1.0 - decay) * p.lag / h  # mean over the substep
         w *= p.gain
-        if p.dead_zone > 0.0:
-            if w > p.dead_zone:
-                w -= p.dead_zone
-            elif w < -p.dead_zone:
-                w += p.dead_zone
-            else:
-                w = 0.0
+        w -= min(max(w, -p.dead_zone), p.dead_zone)
         tm = t + (i + 0.5) * h
         if p.load_fraction > 0.0:
             x = state[X] + 0.5 * h * state[V]
@@ -390,15 +323,11 @@ def closed_loop(
         True state at the start of each sample.
     """
     n = reference.size
-    u = np.zeros(n)
-    y = np.zeros(n)
-    states = np.zeros((n, NSTATES))
-    state = np.zeros(NSTATES)
-    state[X] = reference[0]
-    state[XL] = reference[0]
+    u, y = np.zeros(n), np.zeros(n)
+    states, state = np.zeros((n, NSTATES)), np.zeros(NSTATES)
+    state[X] = state[XL] = reference[0]
     keep = exp(-dt / filter_time)
-    rate = 0.0
-    total = 0.0
+    rate, total = 0.0, 0.0
     for k in range(n):
         states[k] = state
         reading = _read(p, state) + noise[k]
@@ -434,10 +363,8 @@ def open_loop(p, u, dt, substeps, start):
 @njit(cache=True)
 def free_runs(p, u, dt, substeps, true, window):
     """Readings of p, restarted from the true state every `window` samples."""
-    n = u.size
-    x = np.zeros(n)
-    state = true[0].copy()
-    for k in range(n):
+    x, state = np.zeros(u.size), true[0].copy()
+    for k in range(u.size):
         if k % window == 0:
             force = state[LAG]
             state[:] = true[k]

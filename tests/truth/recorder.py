@@ -13,8 +13,6 @@ The machine ran as it did; only what was written down is changed.
                the samples the reading before is written down once more
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,8 +30,7 @@ def recorded(
     odd: bool, rng: np.random.Generator,
 ) -> tuple[Array, Array, Array, NDArray[np.intp]]:  # fmt: skip
     """Time, input and reading as written down, and the samples they come from."""
-    n = t.size
-    every = np.arange(n)
+    n, every = t.size, np.arange(t.size)
     if how == "noisy":
         return t, noisy(u, 0.03 * level, rng), x, every
     if how == "10-bit":

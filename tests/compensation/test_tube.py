@@ -1,7 +1,5 @@
 """The tracking tube: held by axes that stick, that turn soon, and by other routes."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
@@ -65,15 +63,17 @@ def test_no_drive_is_held_while_the_loop_rings(seed):
     assert tube_attack.beyond(tube_attack.designs(seed), case) <= 1.0
 
 
+def level_and_peak(axis):
+    level = max(float(axis.coulomb(0.0, s)) for s in (1, -1))
+    return level, axis.stribeck.excess if axis.stribeck else 0.0
+
+
 def explicit_tube(comp):
     """Tube for slow references by stepping the error of every corner, from the gains alone."""
     axis, mu, dt = comp.axis, comp.mismatch, comp.dt
     # The velocity fed back: a low-passed difference, and the estimate of three equal poles.
     keep = math.exp(-dt / comp.filter_time)
-    d = (
-        comp.input_delay
-        + sum(e.delay for e in axis.effects if e.slug == "input_delay")
-    ) / dt  # fmt: skip
+    d = (comp.input_delay + sum(e.delay for e in axis.effects if e.slug == "input_delay")) / dt
     share = 0.45 * min((d + 2.5) / 5.5, 1.0)
     m0, rate0 = axis.mass, axis.viscous / axis.mass
     pole = math.exp(-comp.disturbance_bandwidth * dt)
@@ -87,25 +87,21 @@ def explicit_tube(comp):
     power = np.linalg.matrix_power(M - pole * np.eye(3), 3)
     gain = power @ np.linalg.solve(seen, [0.0, 0.0, 1.0])
 
-    level = max(float(axis.coulomb(0.0, s)) for s in (1, -1))
-    sigma = axis.stribeck.excess if axis.stribeck else 0.0
+    level, sigma = level_and_peak(axis)
     left = (mu + comp.correction) * level + (1.0 + mu) ** 2 * sigma * level
     own = d - comp.input_delay / dt
     # All corners side by side, each with a force of one sample and with a reading that is off.
-    corners = np.array([
-        (m, f, own + part * (d - own), kind)
-        for m, f, part, kind in itertools.product(
-            (1 - mu, 1.0, 1 + mu), (1 - mu, 1 + mu), (0.0, 0.5, 1.0), (0, 1)
-        )
-    ])  # fmt: skip
-    mass = axis.mass * corners[:, 0]
-    rate = axis.viscous * corners[:, 1] / mass
-    whole = (corners[:, 2] + 1e-9).astype(int)
-    after = corners[:, 2] - whole
-    off, every = corners[:, 3] == 1, np.arange(len(corners))
-    x = v = filtered = last = used = np.zeros(len(corners))
-    hat = np.zeros((3, len(corners)))
-    line = np.zeros((whole.max() + 2, len(corners)))
+    delays = own + np.array([0.0, 0.5, 1.0]) * (d - own)
+    corners = itertools.product((1 - mu, 1.0, 1 + mu), (1 - mu, 1 + mu), delays, (0, 1))
+    m, f, late, kind = np.array([*corners]).T
+    mass = axis.mass * m
+    rate = axis.viscous * f / mass
+    whole = (late + 1e-9).astype(int)
+    after = late - whole
+    off, every = kind == 1, np.arange(len(kind))
+    x = v = filtered = last = used = np.zeros(len(kind))
+    hat = np.zeros((3, len(kind)))
+    line = np.zeros((whole.max() + 2, len(kind)))
     xs: list[np.ndarray] = []
     while len(xs) < 300 or np.abs(xs[-200:]).max() > 1e-7 * np.abs(xs).max():
         y = x + (off & (not xs))
@@ -137,12 +133,11 @@ def test_the_tube_by_stepping_the_error_from_the_gains(seed):
     rng = np.random.default_rng([47, seed])
     mass = 10.0 ** rng.uniform(-2.0, 1.5)
     axis = dfc.FrictionAxis(
-        mass=mass,
-        viscous=mass * 10.0 ** rng.uniform(0.0, 1.2),
+        mass=mass, viscous=mass * 10.0 ** rng.uniform(0.0, 1.2),
         coulomb=(mass * rng.uniform(1.0, 8.0), mass * rng.uniform(1.0, 8.0)),
         stribeck=dfc.Stribeck(rng.uniform(0.1, 0.5), 0.01) if seed % 2 else None,
         effects=(fx.InputDelay(delay=rng.uniform(0.0, 2e-3)),) if seed % 3 == 0 else (),
-    )
+    )  # fmt: skip
     comp = dfc.design_compensation(
         axis, DT, rng.choice([0.0, 1e-6, 5e-6]), rng.uniform(0.0, 2.5e-3),
         mismatch=rng.uniform(0.1, 0.3), law="fixed",
@@ -153,8 +148,7 @@ def test_the_tube_by_stepping_the_error_from_the_gains(seed):
     # Responses are cut off where they have fallen to 1e-6.
     assert found.worst.l1 == pytest.approx(max(one[1] for one in tubes) / left, rel=1e-3)
     worst = max(one[0] + one[2] for one in tubes)
-    level = max(float(axis.coulomb(0.0, s)) for s in (1, -1))
-    peak = axis.stribeck.excess if axis.stribeck else 0.0
+    level, peak = level_and_peak(axis)
     most = level * ((1.0 + comp.mismatch) * (1.0 + (1.0 + comp.mismatch) * peak)
                     + 1.0 + peak + comp.correction)  # fmt: skip
     assert found.friction_most == pytest.approx(most)
@@ -163,10 +157,10 @@ def test_the_tube_by_stepping_the_error_from_the_gains(seed):
     assert turning >= 0.15 * found.parts["sliding"]
 
 
-def there(slope, way=1.0):
+def there(slope):
     """A move one way, from rest to rest, whose velocity rises and falls at one rate."""
     v = np.concatenate([np.zeros(50), np.arange(40.0), 40.0 - np.arange(40.0), np.zeros(50)])
-    v *= way * slope * DT
+    v *= slope * DT
     return dfc.MotionProfile(DT, np.cumsum(v) * DT, v, np.gradient(v, DT))
 
 
@@ -177,14 +171,14 @@ def test_how_fast_a_reference_is_before_its_friction_is_fed_forward(delay, lag):
     # Given early by the lead, at an axis without delay; late at one with all of it, and
     # behind a lag after five of its time constants, when 1 % is missing.
     early, late = comp.lead, math.ceil((delay + 5.0 * lag) / DT) + 1 - comp.lead
-    certified = []
-    for way in (1.0, -1.0):
-        found = certificates._unfed(comp, there(3.0, way))
+    moves = there(3.0), there(-3.0)
+    for move in moves:
+        found = certificates._unfed(comp, move)
         assert found == pytest.approx(3.0 * DT * max(early, late), rel=1e-9)
-        certified.append(comp.certify(reference=there(3.0, way)))
     # Mirrored, the reference has the same tube.
-    assert certified[0].parts == pytest.approx(certified[1].parts, rel=1e-9)
-    assert certified[0].drive_needed == pytest.approx(certified[1].drive_needed, rel=1e-9)
+    one, other = (comp.certify(reference=move) for move in moves)
+    assert one.parts == pytest.approx(other.parts, rel=1e-9)
+    assert one.drive_needed == pytest.approx(other.drive_needed, rel=1e-9)
 
 
 def test_a_reference_that_moves_from_the_start_leaves_its_momentum_to_be_made_up():
@@ -255,16 +249,13 @@ def test_no_course_of_friction_does_more_than_the_tube_says(delay, quantum):
         g, gv = response[:, 0, 0], response[:, 1, 0]
         bound = certificates.stick_slip_gain(g) * found.friction_left * (1.0 + certificates._TURN)
         courses = [[6, 15], [9, 8, 15, 6, 5], [8, 16], [19, 13, 3]]
-        courses += [
-            np.exp(rng.uniform(0.0, np.log(25.0), rng.integers(2, 7))).astype(int)
-            for _ in range(2)
-        ]  # fmt: skip
+        for _ in range(2):
+            courses.append(np.exp(rng.uniform(0.0, np.log(25.0), rng.integers(2, 7))).astype(int))
         for course, t in itertools.product(courses, (3, 9, 14)):
             lasting = [*course, 120]
             signs = np.repeat([(-1.0) ** i for i in range(len(lasting))], lasting)[:120]
-            assert friction_program(
-                g, gv, found.friction_most, found.friction_left, signs, t
-            ) <= bound * (1.0 + 1e-6)
+            sizes = (found.friction_most, found.friction_left)
+            assert friction_program(g, gv, *sizes, signs, t) <= bound * (1.0 + 1e-6)
 
 
 def test_slips_and_stops_of_an_overdamped_loop_gain_nothing():
@@ -281,27 +272,22 @@ def test_learning_and_integral_are_bounded_while_the_reference_moves():
     comp = dfc.design_compensation(AXIS, DT, 0.0, mismatch=0.1, correction=0.3)
     move = dfc.motion_profile(0.05, DT, velocity=0.02, acceleration=0.5, jerk=20.0)
     for level in (0.1, 24.0):
-        memory = comp.controller.memory()
         stepper, plant = comp.controller.stepper(), AXIS.replace(coulomb=level).stepper(DT)
         names = comp.block().state_labels
         integral, spoken = names.index("integral"), names.index("compensation")
-        for k in range(move.position.size - comp.lead):
-            j = k + comp.lead
-            u = stepper.step(move.position[j], move.velocity[j], move.acceleration[j], plant.x)
-            plant.step(u)
-            if 1e-3 < abs(move.velocity[j]):
+        for k, (r, v, a) in enumerate(move.rows.T[comp.lead :]):
+            plant.step(stepper.step(r, v, a, plant.x))
+            if 1e-3 < abs(v):
                 memory = stepper._memory
                 # Before the last sample's integration, which adds ki dt e at most.
-                change = memory[spoken] + memory[integral] - 8.0 * np.sign(move.velocity[j])
+                change = memory[spoken] + memory[integral] - 8.0 * np.sign(v)
                 step = comp.ki * DT * abs(move.position[k] - plant.x) + comp.ki * DT * 1e-4
                 assert abs(change) <= 0.3 * 8.0 + step + 1e-9
 
 
 def test_a_wider_correction_has_a_wider_tube():
-    shares = dict.fromkeys((0.0, 0.2, 0.5), 0.0)
-    for share in shares:
-        shares[share] = dfc.design_compensation(AXIS, DT, correction=share).certificate.tube
-    assert shares[0.0] < shares[0.2] < shares[0.5]
+    designs = (dfc.design_compensation(AXIS, DT, correction=share) for share in (0.0, 0.2, 0.5))
+    assert np.all(np.diff([comp.certificate.tube for comp in designs]) > 0.0)
     assert dfc.design_compensation(AXIS, DT).correction == pytest.approx(0.2)
 
 

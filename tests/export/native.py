@@ -1,7 +1,5 @@
 """Compile exported C and run it over whole records."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess
@@ -37,14 +35,11 @@ def driver(made: Exported) -> str:
         f"        out[{len(made.outputs)} * k + {i}] = (NUMBER)o.{s.name};"
         for i, s in enumerate(made.outputs)
     )
-    switches = ""
-    if made.moves:
-        switches = (
-            f"        for (int i = 0; i < 3 * state.count[0] && i < {3 * ROOM} && 3 * total + i < most; ++i)\n"
-            "            switches[3 * total + i] = state.switches[i];\n"
-            "        total += state.count[0];\n"
-            "        lost += state.count[2];\n"
-        )
+    switches = f"""
+        for (int i = 0; i < 3 * state.count[0] && i < {3 * ROOM} && 3 * total + i < most; ++i)
+            switches[3 * total + i] = state.switches[i];
+        total += state.count[0];
+        lost += state.count[2];"""
     return f"""#include "{n}.h"
 #ifndef NUMBER
 #define NUMBER {n}_real
@@ -63,8 +58,8 @@ int run(int n, const NUMBER *starts, const NUMBER *in, NUMBER *out, {n}_real *sw
     for (int k = 0; k < n; ++k) {{
         if (!{n}_step(&state{inputs}, &o))
             return -1;
-{rows}
-{switches}    }}
+{rows}{switches if made.moves else ""}
+    }}
     return total + lost;
 }}
 #ifdef ALONE
@@ -164,13 +159,9 @@ def by_kernel(obj, *inputs, place=0.0) -> np.ndarray:
 
 def ulps(a, b) -> int:
     """Largest distance of two arrays of doubles, in units of the last place."""
-    return int(np.abs(_ordered(a) - _ordered(b)).max(initial=0))
-
-
-def _ordered(values):
-    bits = np.ascontiguousarray(values, dtype=np.float64).view(np.int64).copy()
-    bits[bits < 0] = np.int64(-(2**63)) - bits[bits < 0]
-    return bits
+    a, b = (np.ascontiguousarray(one, dtype=np.float64).view(np.int64) for one in (a, b))
+    a, b = (np.where(one < 0, np.int64(-(2**63)) - one, one) for one in (a, b))
+    return int(np.abs(a - b).max(initial=0))
 
 
 # Random machines -------------------------------------------------------------------------
@@ -215,18 +206,14 @@ def random_axis(rng, structure=False) -> dfc.FrictionAxis:
     if structure:
         effects += _STRUCTURES[rng.integers(len(_STRUCTURES))](rng)
     slope = rng.normal(0.0, 2.0)
+    mass, viscous = rng.uniform(0.5, 5.0), rng.uniform(0.0, 30.0)
+    levels = dfc.CoulombMap([rng.uniform(6.0, 10.0), slope], [rng.uniform(6.0, 10.0), -slope])
+    peaked = rng.random() < 0.7
     return dfc.FrictionAxis(
-        mass=rng.uniform(0.5, 5.0),
-        viscous=rng.uniform(0.0, 30.0),
-        coulomb=dfc.CoulombMap([rng.uniform(6.0, 10.0), slope], [rng.uniform(6.0, 10.0), -slope]),
-        travel=(-0.5, 0.5),
-        stribeck=dfc.Stribeck(rng.uniform(0.1, 0.6), rng.uniform(5e-4, 1e-2))
-        if rng.random() < 0.7
-        else None,
+        mass, viscous, levels, travel=(-0.5, 0.5), effects=effects, name="machine",
+        stribeck=dfc.Stribeck(rng.uniform(0.1, 0.6), rng.uniform(5e-4, 1e-2)) if peaked else None,
         switching="filippov" if rng.random() < 0.8 else "paper",
-        effects=effects,
-        name="machine",
-    )
+    )  # fmt: skip
 
 
 def mismatched(axis, rng) -> dfc.FrictionAxis:

@@ -128,12 +128,9 @@ def test_no_heap_no_globals_no_recursion_and_bounded_loops(tmp_path):
     for obj in (axis, observed(LATE), compensated()):
         source = export_c(obj, tmp_path)[1]
         text = re.sub(r"/\*.*?\*/", "", source.read_text(), flags=re.DOTALL)
-        subprocess.run(
-            ["gcc", *native.FLAGS, "-c", str(source), "-o", str(tmp_path / "x.o")], check=True
-        )
-        sizes = subprocess.run(
-            ["size", str(tmp_path / "x.o")], capture_output=True, text=True
-        ).stdout
+        made = str(tmp_path / "x.o")
+        subprocess.run(["gcc", *native.FLAGS, "-c", str(source), "-o", made], check=True)
+        sizes = subprocess.run(["size", made], capture_output=True, text=True).stdout
         assert sizes.split()[7:9] == ["0", "0"]  # data and bss: no variable outlives a call
         assert not re.search(r"\b(malloc|calloc|realloc|free|alloca|while|goto)\b", text)
         graph = calls(text)
@@ -147,12 +144,8 @@ class Magnet(E.Effect):
     """An effect of one's own, whose law has its C from its Python source."""
 
     strength: float = E.parameter("N m^2", "pull times distance squared")
-
     slug = "magnet_of_the_export_test"
-    title = "magnet"
     action = "force"
-    explanation = "A magnet pulls."
-    experiment = "Hold a piece of iron to it."
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):

@@ -118,23 +118,18 @@ def on_board(obj, folder, inputs, precision="double"):
     code = native.Native(obj, folder, precision)
     (folder / "board.c").write_text(board(code.made, inputs))
     (folder / "board.ld").write_text(LINKER)
-    subprocess.run(
-        [
-            GCC, "-std=c99", "-O2", "-ffp-contract=off", "-mcpu=cortex-m4", "-mthumb",
-            "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-fno-strict-aliasing", "-nostartfiles",
-            "-T", str(folder / "board.ld"), str(code.files[1]), str(folder / "board.c"),
-            "-o", str(folder / "board.elf"), "-lm", "-lc", "-lgcc", "--specs=nosys.specs",
-        ],
-        check=True,
-    )  # fmt: skip
-    done = subprocess.run(
-        [
-            QEMU, "-M", "mps2-an386", "-cpu", "cortex-m4", "-nographic", "-monitor", "none",
-            "-serial", "none", "-icount", "shift=0", "-semihosting-config",
-            "enable=on,target=native", "-kernel", str(folder / "board.elf"),
-        ],
-        capture_output=True, timeout=120, check=True,
-    )  # fmt: skip
+    program = str(folder / "board.elf")
+    subprocess.run([
+        GCC, "-std=c99", "-O2", "-ffp-contract=off", "-mcpu=cortex-m4", "-mthumb",
+        "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-fno-strict-aliasing", "-nostartfiles",
+        "-T", str(folder / "board.ld"), str(code.files[1]), str(folder / "board.c"),
+        "-o", program, "-lm", "-lc", "-lgcc", "--specs=nosys.specs",
+    ], check=True)  # fmt: skip
+    done = subprocess.run([
+        QEMU, "-M", "mps2-an386", "-cpu", "cortex-m4", "-nographic", "-monitor", "none",
+        "-serial", "none", "-icount", "shift=0", "-semihosting-config",
+        "enable=on,target=native", "-kernel", program,
+    ], capture_output=True, timeout=120, check=True)  # fmt: skip
     words = np.array([int(w, 16) for w in (done.stdout + done.stderr).split()], dtype=np.uint32)
     out = words[3:].view(code.inner).reshape(N, -1).T.astype(float)
     tick = 200_000 / int(words[2])

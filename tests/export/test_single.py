@@ -19,14 +19,7 @@ HOUR = 36_000_000
 
 
 def stage(*effects, **given):
-    return dfc.FrictionAxis(
-        mass=2.0, viscous=5.0, coulomb=8.0, effects=effects, name="stage", **given
-    )
-
-
-def pulses(samples):
-    """Force of `PULSES` in whole samples of a period, which are 200."""
-    return 2.0 * np.sin(2.0 * np.pi * (samples % 200) / 200.0 + 0.3)
+    return dfc.FrictionAxis(2.0, 5.0, 8.0, effects=effects, name="stage", **given)
 
 
 @pytest.mark.parametrize(
@@ -35,7 +28,9 @@ def pulses(samples):
 def test_a_periodic_force_keeps_its_phase(tmp_path, precision, after):
     code = native.Native(stage(PULSES), tmp_path, precision, DT, [f"-DAFTER={after}u"])
     friction = code.run(np.zeros(400))[0][2]
-    assert np.abs(friction - pulses(after + np.arange(400))).max() < 2e-6
+    # A period is of 200 samples.
+    expected = 2.0 * np.sin(2.0 * np.pi * ((after + np.arange(400)) % 200) / 200.0 + 0.3)
+    assert np.abs(friction - expected).max() < 2e-6
 
 
 def test_the_count_of_samples_does_not_end_in_double_precision(tmp_path):
@@ -68,9 +63,9 @@ UNEVEN = dfc.CoulombMap([8.0, 0.2], [7.0, -0.1])
 KINDS = {"plain": (), "contact": (E.Presliding(2e-5),), "spring": (E.Compliance(1e5, 50.0, 0.4),)}
 
 
-def moving(axis, n=4000, place=FAR):
+def moving(axis, place=FAR):
     """Drive and motion of an axis from rest, with a reversal."""
-    u = np.where(np.arange(n) < n // 2, 12.0, -12.0)
+    u = np.repeat([12.0, -12.0], 2000)
     return u, axis.simulate(u, DT, x0=place).y
 
 
@@ -96,27 +91,21 @@ def test_many_turns_are_as_one(tmp_path):
     assert abs(load[0] + 3.0 * np.cos(0.5) - np.sin(20.0 * np.pi * place)) < 1e-5
 
 
-def reads(axis, place):
-    """Drive and readings of an axis that moves near a place."""
-    u, y = moving(axis, place=place)
-    return u, QUANTUM * np.round(y[0] / QUANTUM)
-
-
 @pytest.mark.parametrize(
     ("estimate", "precision"), [(dfc.design_pi_observer, "single"), (dfc.hybrid_filter, "mixed")]
 )
 def test_estimates_are_as_good_far_from_zero(tmp_path, estimate, precision):
     axis, off = stage(*PLACED[:1]).replace(coulomb=UNEVEN, travel=(-10.0, 10.0)), []
     for place in (0.0, FAR):
-        u, y = reads(axis, place)
+        u, motion = moving(axis, place)
+        y = QUANTUM * np.round(motion[0] / QUANTUM)
         if precision == "single":
             # What its reading can hold there; the same near zero.
             y = np.float32(y - place + FAR).astype(float) - FAR + place
         obj = estimate(axis, DT, encoder_quantum=QUANTUM)
         expected = native.by_kernel(obj, u, y, place=place)
-        starts = [place, 0.0, 0.0] if precision == "single" else []
         code = native.Native(obj, tmp_path / f"{place}", precision)
-        out, _ = code.run(u, y, starts=starts)
+        out, _ = code.run(u, y, starts=[place, 0.0, 0.0] if precision == "single" else [])
         # Where modes are equally likely, one sample may differ by more.
         off.append(np.median(np.abs(out[:3] - expected[:3]), axis=1))
         assert np.abs(out[0] - y).max() < 20 * QUANTUM

@@ -25,12 +25,8 @@ def sources(tmp_path_factory):
     folder = tmp_path_factory.mktemp("static")
     plain = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, name="stage")
     inner = AXIS.replace(name="inner", effects=native._STRUCTURES[4](np.random.default_rng(0)))
-    objects = (
-        AXIS,
-        inner,
-        dfc.design_pi_observer(AXIS, dt=1e-3, encoder_quantum=1e-6),
-        dfc.hybrid_filter(AXIS, 1e-3, 1e-6),
-    )
+    observer = dfc.design_pi_observer(AXIS, dt=1e-3, encoder_quantum=1e-6)
+    objects = (AXIS, inner, observer, dfc.hybrid_filter(AXIS, 1e-3, 1e-6))
     comp = dfc.design_compensation(plain, dt=1e-3, encoder_quantum=1e-6)
     single = export_c(comp, folder / "single", "single")
     return [str(export_c(obj, folder)[1]) for obj in objects] + [str(single[1])]

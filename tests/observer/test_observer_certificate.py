@@ -1,7 +1,5 @@
 """The certificate: an independent check, spoiled designs, bounds from below."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools
@@ -19,14 +17,9 @@ from dryfric_control.observer.switching import best_gain, path_of
 DT = 1e-3
 AXIS = FrictionAxis(mass=1.0, viscous=0.4, coulomb=8.0, stick_rate=500.0, stick_speed=1e-4)
 SPEC = {
-    "uncertainty": 1.0,
-    "noise": 1e-4,
-    "drift": 0.0,
-    "decay": 0.995,
-    "performance": (0.0, 1.0, 0.0),
-    "discretization": "euler",
-    "form": "prediction",
-}
+    "uncertainty": 1.0, "noise": 1e-4, "drift": 0.0, "decay": 0.995,
+    "performance": (0.0, 1.0, 0.0), "discretization": "euler", "form": "prediction",
+}  # fmt: skip
 CURRENT = SPEC | {"form": "current"}
 CASES = {
     "paper": {"method": "paper", **SPEC},
@@ -58,22 +51,16 @@ def designed(case):
     off = 0.1 * level
     uneven = {0: off, 1: off, -1: 1.5 * off if rng.random() < 0.5 else off}
     axis = FrictionAxis(
-        mass=mass,
-        viscous=mass * 10.0 ** rng.uniform(-1.0, 1.0),
-        coulomb=level,
-        stick_rate=rng.uniform(0.05, 0.9) / dt,
-        stick_speed=1e-4,
-    )
+        mass=mass, viscous=mass * 10.0 ** rng.uniform(-1.0, 1.0), coulomb=level,
+        stick_rate=rng.uniform(0.05, 0.9) / dt, stick_speed=1e-4,
+    )  # fmt: skip
+    method, window = (("slack", None), ("paper", None), ("dwell", 3), ("path", 2))[case % 4]
     return design_pi_observer(
-        axis,
-        dt,
-        method=("slack", "paper", "dwell", "path")[case % 4],
-        window=(None, None, 3, 2)[case % 4],
+        axis, dt, method=method, window=window, uncertainty=uneven,
         form=("current", "prediction")[case // 2 % 2],
         discretization=("euler", "zoh")[int(rng.integers(2))],
         encoder_quantum=10.0 ** rng.uniform(-7.0, -5.0),
-        uncertainty=uneven,
-    )
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module", params=CASES)
@@ -255,18 +242,19 @@ def test_limit_is_shown_by_an_invisible_disturbance(design):
     cancelling noise is therefore a bound for every observer; by scipy alone.
     """
     check = design.certificate
-    model = _physical_models(design)
+    model = {mode: open_loop(design, node) for node, mode in enumerate(design.graph.labels)}
     word = check.hardest_sequence * max(2, 300 // len(check.hardest_sequence))
-    first = model[word[0]]
-    quiet = [k for k in range(first.W.shape[1]) if k != 1]
-    n, nd, nz = len(word), len(quiet), first.Z.shape[0]
+    _, W, Z = model[word[0]]
+    quiet = [k for k in range(W.shape[1]) if k != 1]
+    n, nd, nz = len(word), len(quiet), Z.shape[0]
     states = np.zeros((3, n * nd))
     T, Y = np.zeros(((n + 1) * nz, n * nd)), np.zeros((n + 1, n * nd))
-    for k, key in enumerate(word):
-        T[k * nz : (k + 1) * nz], Y[k] = model[key].Z @ states, states[0]
-        states = model[key].A @ states
-        states[:, k * nd : (k + 1) * nd] = model[key].W[:, quiet]
-    T[n * nz :] = first.Z @ states
+    for k, mode in enumerate(word):
+        A, W, _ = model[mode]
+        T[k * nz : (k + 1) * nz], Y[k] = Z @ states, states[0]
+        states = A @ states
+        states[:, k * nd : (k + 1) * nd] = W[:, quiet]
+    T[n * nz :] = Z @ states
     if design.form == "current":
         Y[n] = states[0]  # the last error, too, counts after the reading
     cost = np.eye(n * nd) + Y.T @ Y / design.noise**2
@@ -280,8 +268,7 @@ def test_limit_is_shown_by_an_invisible_disturbance(design):
 @pytest.mark.slow
 def test_without_a_decay_rate_memory_meets_the_limit():
     """So the limit is tight, and what is left with a rate is the price of it."""
-    spec = SPEC | {"decay": 1.0}
-    design = design_pi_observer(AXIS, DT, method="dwell", window=16, **spec)
+    design = design_pi_observer(AXIS, DT, method="dwell", window=16, **SPEC | {"decay": 1.0})
     assert design.certificate.cost < 0.01
 
 
@@ -303,16 +290,6 @@ def test_best_gain_against_an_exhaustive_scalar_case():
     assert best_gain({1: model.corrected()}, (1,)) == pytest.approx(1.0, rel=2e-4)
 
 
-def _physical_models(design):
-    result = {}
-    for node, key in enumerate(design.graph.labels):
-        A, W, Z = open_loop(design, node)
-        D = np.zeros(W.shape[1])
-        D[1] = design.noise
-        result[key] = ErrorModel(A, W, D, Z)
-    return result
-
-
 def test_summary_says_what_is_proved():
     check = dataclasses.replace(
         design_pi_observer(AXIS, DT, **SPEC).certificate,
@@ -331,6 +308,5 @@ def test_summary_says_what_is_proved():
 def test_a_block_on_the_edge_proves_nothing(eigenvalue):
     sound, bad = Block("decay", "0", "1", -0.5), Block("gain", "1", "0", eigenvalue)
     assert check_blocks((sound,)) == 0.5
-    words = r"gain condition fails from mode \(1\) to mode \(0\)"
-    with pytest.raises(CertificateError, match=words):
+    with pytest.raises(CertificateError, match=r"gain .* fails from mode \(1\) to mode \(0\)"):
         check_blocks((sound, bad))

@@ -1,7 +1,5 @@
 """The observer of an axis with effects: what it knows enters, what it cannot is told."""
 
-from __future__ import annotations
-
 import math
 import warnings
 
@@ -10,15 +8,8 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.observer import (
-    ObserverDesign,
-    ObserverStepper,
-    ObserverWarning,
-    design_pi_observer,
-    observe,
-    pi_observer,
-    simulate_observed_loop,
-)
+from dryfric_control import effects as fx
+from dryfric_control.observer import ObserverStepper, ObserverWarning, simulate_observed_loop
 
 DT, QUANTUM = 1e-3, 1e-5
 
@@ -32,7 +23,7 @@ def axis(*effects, **changes):
 
 def design_of(own, **changes):
     options = {"discretization": "zoh", "encoder_quantum": QUANTUM} | changes
-    return design_pi_observer(own, DT, **options)
+    return dfc.design_pi_observer(own, DT, **options)
 
 
 def watched(plant, own, seed=0, n=8000):
@@ -42,36 +33,21 @@ def watched(plant, own, seed=0, n=8000):
     return simulate_observed_loop(plant, loop, design_of(own), reference, quantum=QUANTUM)
 
 
-TOGETHER = (
-    dfc.effects.Spring(stiffness=40.0, rest=0.05),
-    dfc.effects.BiasForce(force=2.0),
-    dfc.effects.Cogging(amplitude=1.5, period=0.02),
-)
 EVERYTHING = (
-    *TOGETHER,
-    dfc.effects.Gravity(amplitude=1.0, phase=0.3),
-    dfc.effects.QuadraticDrag(drag=5.0),
-    dfc.effects.ViscousAsymmetry(viscous=2.0),
-    dfc.effects.CoulombAsymmetry(force=1.0),
-    dfc.effects.PositionDependence(slope=0.5),
-    dfc.effects.LoadDependence(coefficient=0.1),
-    dfc.effects.Drift(rate=0.02),
-    dfc.effects.DwellTime(rise=1.0, time_constant=0.2),
-    dfc.effects.TimePeriodic(amplitude=0.5, frequency=3.0),
-    dfc.effects.InputGain(gain=0.9),
-    dfc.effects.DeadZone(width=0.5),
-    dfc.effects.Saturation(limit=50.0),
-    dfc.effects.InputDelay(delay=2.6e-3),
-    dfc.effects.ActuatorLag(time_constant=4e-3),
-    dfc.effects.Inertia(factor=1.2),
-    dfc.effects.ViscousFriction(factor=0.8),
-    dfc.effects.CoulombFriction(factor=1.1),
-)
+    fx.Spring(stiffness=40.0, rest=0.05), fx.BiasForce(force=2.0),
+    fx.Cogging(amplitude=1.5, period=0.02), fx.Gravity(amplitude=1.0, phase=0.3),
+    fx.QuadraticDrag(drag=5.0), fx.ViscousAsymmetry(viscous=2.0), fx.CoulombAsymmetry(force=1.0),
+    fx.PositionDependence(slope=0.5), fx.LoadDependence(coefficient=0.1), fx.Drift(rate=0.02),
+    fx.DwellTime(rise=1.0, time_constant=0.2), fx.TimePeriodic(amplitude=0.5, frequency=3.0),
+    fx.InputGain(gain=0.9), fx.DeadZone(width=0.5), fx.Saturation(limit=50.0),
+    fx.InputDelay(delay=2.6e-3), fx.ActuatorLag(time_constant=4e-3), fx.Inertia(factor=1.2),
+    fx.ViscousFriction(factor=0.8), fx.CoulombFriction(factor=1.1),
+)  # fmt: skip
 
 
 def test_knowing_a_lag_pays_in_closed_loop():
     """Bounds lie between the ratio that `benchmarks/observer.py --extended` prints and 1."""
-    plant = axis(dfc.effects.ActuatorLag(time_constant=6e-3))
+    plant = axis(fx.ActuatorLag(time_constant=6e-3))
     before, after = (watched(plant, own).score for own in (axis(), plant))
     assert after.friction < 0.3 * before.friction and after.speed < 0.6 * before.speed
 
@@ -80,27 +56,17 @@ def test_known_forces_enter_at_the_measured_position():
     """Euler's recursion with every force written out: followed to round-off, w = 0."""
     f, m, level = 15.0 * 0.8, 2.0 * 1.3, 8.0 * 1.1
     own = axis(
-        dfc.effects.Spring(stiffness=40.0, rest=0.05),
-        dfc.effects.BiasForce(force=2.0),
-        dfc.effects.Cogging(amplitude=1.5, period=0.02, phase=0.4),
-        dfc.effects.QuadraticDrag(drag=5.0),
-        dfc.effects.ViscousAsymmetry(viscous=2.0),
-        dfc.effects.CoulombAsymmetry(force=1.0),
-        dfc.effects.PositionDependence(slope=0.5, centre=0.1),
-        dfc.effects.Drift(rate=0.02),
-        dfc.effects.TimePeriodic(amplitude=0.5, frequency=3.0, phase=0.2),
-        dfc.effects.LoadDependence(coefficient=0.1),
-        dfc.effects.Gravity(amplitude=3.0, phase=1.0),
-        dfc.effects.Saturation(limit=25.0),
-        dfc.effects.InputGain(gain=0.9),
-        dfc.effects.DeadZone(width=0.5),
-        dfc.effects.InputDelay(delay=3 * DT),
-        dfc.effects.Inertia(factor=1.3),
-        dfc.effects.ViscousFriction(factor=0.8),
-        dfc.effects.CoulombFriction(factor=1.1),
-    )
-    n = 400
-    t = DT * np.arange(n)
+        fx.Spring(stiffness=40.0, rest=0.05), fx.BiasForce(force=2.0),
+        fx.Cogging(amplitude=1.5, period=0.02, phase=0.4), fx.QuadraticDrag(drag=5.0),
+        fx.ViscousAsymmetry(viscous=2.0), fx.CoulombAsymmetry(force=1.0),
+        fx.PositionDependence(slope=0.5, centre=0.1), fx.Drift(rate=0.02),
+        fx.TimePeriodic(amplitude=0.5, frequency=3.0, phase=0.2),
+        fx.LoadDependence(coefficient=0.1), fx.Gravity(amplitude=3.0, phase=1.0),
+        fx.Saturation(limit=25.0), fx.InputGain(gain=0.9), fx.DeadZone(width=0.5),
+        fx.InputDelay(delay=3 * DT), fx.Inertia(factor=1.3), fx.ViscousFriction(factor=0.8),
+        fx.CoulombFriction(factor=1.1),
+    )  # fmt: skip
+    n, t = 400, DT * np.arange(400)
     u = 24.0 + 3.0 * np.sin(20.0 * t)
     x, v, friction = (np.empty(n) for _ in range(3))
     # The observer's line of delayed drives starts at zero, the speed high enough to slide.
@@ -118,7 +84,7 @@ def test_known_forces_enter_at_the_measured_position():
             x[k + 1] = x[k] + DT * v[k]
             v[k + 1] = v[k] + DT / m * (net - f * v[k] - friction[k])
     assert v.min() > 0.1
-    estimate = observe(design_of(own, discretization="euler"), u, x, vhat0=0.5)
+    estimate = dfc.observe(design_of(own, discretization="euler"), u, x, vhat0=0.5)
     assert np.all(estimate.mode == 1)
     # 400 sums of numbers below 40, with errors that the observer's gains spread.
     np.testing.assert_allclose(estimate.y[0], x, atol=1e-12)
@@ -137,8 +103,8 @@ def test_faces_agree_with_every_effect(rule, tmp_path):
     u, y = run.plant.y[4], run.plant.y[5]
     design = run.design
     assert len(design.axis.effects) == len(EVERYTHING) - 3
-    whole = observe(design, u, y, xhat0=0.0, switching=rule)
-    block = pi_observer(design, switching=rule)
+    whole = dfc.observe(design, u, y, xhat0=0.0, switching=rule)
+    block = dfc.pi_observer(design, switching=rule)
     there = ct.input_output_response(block, whole.t, np.vstack([u, y]), np.zeros(block.nstates))
     stepper = ObserverStepper(design, xhat0=0.0, switching=rule)
     steps = np.array([stepper.step(a, b) for a, b in zip(u, y, strict=True)]).T
@@ -147,35 +113,26 @@ def test_faces_agree_with_every_effect(rule, tmp_path):
     assert np.abs((steps - whole.y) / scale).max() < 1e-9
     assert set(np.unique(whole.mode)) == {-1, 0, 1}
     design.save(tmp_path / "observer.json")
-    again = observe(
-        ObserverDesign.load(tmp_path / "observer.json"), u, y, xhat0=0.0, switching=rule
-    )
+    loaded = dfc.ObserverDesign.load(tmp_path / "observer.json")
+    again = dfc.observe(loaded, u, y, xhat0=0.0, switching=rule)
     np.testing.assert_array_equal(again.y, whole.y)
 
 
 @pytest.mark.parametrize(
     ("effects", "named"),
     [
-        ((dfc.effects.Presliding(distance=40e-6),), "leaves out presliding:"),
-        ((dfc.effects.Backlash(gap=1e-4, load_fraction=0.5),), "leaves out backlash:"),
-        (
-            (
-                dfc.effects.Presliding(distance=40e-6),
-                dfc.effects.BiasForce(force=2.0),
-                dfc.effects.Compliance(stiffness=1e5, damping=60.0, load_fraction=0.5),
-            ),
-            "leaves out presliding, compliance:",
-        ),
+        ((fx.Presliding(4e-5),), "presliding"),
+        ((fx.Backlash(1e-4, 0.5),), "backlash"),
+        ((fx.Presliding(4e-5), fx.BiasForce(2.0), fx.Compliance(1e5, 60.0, 0.5)),
+         "presliding, compliance"),
     ],
-    ids=["presliding", "backlash", "two"],
-)
+)  # fmt: skip
 def test_what_the_observer_has_no_states_for_is_told_once(effects, named):
     plant = axis(*effects)
-    with pytest.warns(ObserverWarning, match=named) as told:
+    with pytest.warns(ObserverWarning, match=f"leaves out {named}:") as told:
         design = design_of(plant)
-    assert len(told) == 1
-    assert told[0].filename == __file__
-    rest = tuple(e for e in effects if isinstance(e, dfc.effects.BiasForce))
+    assert [one.filename for one in told] == [__file__]
+    rest = tuple(e for e in effects if isinstance(e, fx.BiasForce))
     assert design.axis == design_of(axis(*rest)).axis
     # The axis that was given keeps its effects.
     assert plant.effects == effects

@@ -1,7 +1,5 @@
 """The running observer against a textbook version, closed forms and its own faces."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np
@@ -13,7 +11,6 @@ from dryfric_control.observer import ObserverStepper, design_pi_observer, observ
 
 DT = 1e-3
 RULES = ("reading", "paper", "filippov")
-each_rule = pytest.mark.parametrize("rule", RULES)
 # Two ways of writing the same sums differ by round-off, which the observer
 # (poles within 0.95) amplifies by far less than 1e4: relative to the signals.
 ROUND_OFF = 1e-11
@@ -26,21 +23,11 @@ def axis(**changes):
     ).replace(**changes)  # fmt: skip
 
 
-def record(plant, n=6000, quantum=1e-5, seed=0):
+def record(plant, quantum):
     """Drive with rests, reversals and jumps, and what the encoder reads."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(n) * DT
-    u = 11.0 * np.sin(5.0 * t) + 6.0 * np.repeat(rng.uniform(-1.0, 1.0, n // 250 + 1), 250)[:n]
-    run = plant.simulate(u, DT)
-    return u, quantum * np.round(run.y[0] / quantum), run
-
-
-@pytest.fixture(scope="module")
-def clutch():
-    """The paper's closed loop over 20 s and its observer."""
-    design = presets.clutch_observer()
-    run = presets.clutch_experiment(design, duration=20.0)
-    return design, run.plant.y[4].copy(), run.plant.y[5].copy()
+    t, jumps = np.arange(6000) * DT, np.random.default_rng(0).uniform(-1.0, 1.0, 24)
+    u = 11.0 * np.sin(5.0 * t) + 6.0 * np.repeat(jumps, 250)
+    return u, quantum * np.round(plant.simulate(u, DT).y[0] / quantum)
 
 
 def textbook(design, u, y, rule, quantum, xhat0, vhat0):
@@ -108,27 +95,26 @@ def textbook(design, u, y, rule, quantum, xhat0, vhat0):
     return np.array(rows).T
 
 
-@each_rule
-@pytest.mark.parametrize(
-    "options",
-    [
-        {},
-        {"discretization": "euler", "form": "prediction"},
-        {"method": "path", "window": 3},
-        {"uncertainty": {0: 1.0, 1: 2.0, -1: 3.0}, "form": "prediction"},
-    ],
-    ids=["default", "paper", "path", "asymmetric"],
-)
+OPTIONS = {
+    "default": {},
+    "paper": {"discretization": "euler", "form": "prediction"},
+    "path": {"method": "path", "window": 3},
+    "asymmetric": {"uncertainty": {0: 1.0, 1: 2.0, -1: 3.0}, "form": "prediction"},
+}
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
 def test_observer_is_the_textbook_version(rule, options):
     quantum = 1e-4
     plant = axis(stribeck=dfc.Stribeck(0.3, 2e-3))
-    u, y, _ = record(plant, quantum=quantum)
+    u, y = record(plant, quantum=quantum)
     design = design_pi_observer(
         plant, DT, coulomb=plant.coulomb.scaled(0.85, 1.15), encoder_quantum=quantum, **options
     )
     expected = textbook(design, u, y, rule, quantum, 0.01, -0.1)
-    start = {"xhat0": 0.01, "vhat0": -0.1}
-    got = observe(design, u, y, **start, switching=rule, encoder_quantum=quantum).y
+    given = {"xhat0": 0.01, "vhat0": -0.1, "switching": rule, "encoder_quantum": quantum}
+    got = observe(design, u, y, **given).y
     assert set(np.unique(expected[4])) == {-1.0, 0.0, 1.0}
     np.testing.assert_array_equal(got[4], expected[4])
     scale = np.abs(expected).max(axis=1)
@@ -182,9 +168,9 @@ def test_motion_is_seen_when_the_reading_leaves():
     assert first(9.0) == 10
 
 
-def test_stepper_starts_at_the_first_reading(clutch):
-    design, u, y = clutch
-    u, y = u[:200], y[:200] + 5000.0
+def test_stepper_starts_at_the_first_reading():
+    design = presets.clutch_observer()
+    u, y = presets.clutch_experiment(design, duration=0.2).plant.y[4:6] + [[0.0], [5000.0]]
     whole, stepper = observe(design, u, y).y, ObserverStepper(design)
     steps = [stepper.step(u[0], y[0])]
     # What is no number leaves it as it was.

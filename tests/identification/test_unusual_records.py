@@ -22,10 +22,8 @@ def swinging(seed):
     start = np.zeros(NSTATES)
     start[X] = -2.0 - 0.5 * np.random.default_rng(seed).random()
     x = open_loop(PENDULUM, np.zeros(4000), 5e-3, 50, start)[:-1, X]
-    counts = 2.0 * np.pi / 4000
-    return dfc.Record(
-        5e-3 * np.arange(4000), None, counts * np.round(x / counts), units={"x": "rad"}
-    )
+    counts, t = 2.0 * np.pi / 4000, 5e-3 * np.arange(4000)
+    return dfc.Record(t, None, counts * np.round(x / counts), units={"x": "rad"})
 
 
 def rolling(seed):
@@ -38,20 +36,19 @@ def rolling(seed):
     return dfc.Record(t, u, None, channels={"v": v + 5e-3 * rng.standard_normal(t.size)})
 
 
-def hits(found, true):
-    """Relative errors, and whether 90 % intervals cover."""
-    ends = found.interval(0.9)
-    errors = {name: found.parameters[name] / value - 1.0 for name, value in true.items()}
-    return errors, {name: ends[name][0] <= true[name] <= ends[name][1] for name in true}
+def near(found, true, most=0.02):
+    """A fit within a relative error."""
+    parameters = {name: found.parameters[name] for name in true}
+    assert parameters == pytest.approx(true, rel=most)
 
 
 def within(fits, true, most):
     """Every fit within a relative error, and intervals that cover as often as they say."""
     covered = []
     for found in fits:
-        errors, inside = hits(found, true)
-        assert all(abs(error) < most for error in errors.values()), errors
-        covered += inside.values()
+        near(found, true, most)
+        ends = found.interval(0.9)
+        covered += [ends[name][0] <= value <= ends[name][1] for name, value in true.items()]
     # Of intervals of 90 %, more than three quarters: two standard deviations of this few.
     assert np.mean(covered) > 0.75
 
@@ -93,15 +90,11 @@ def test_a_velocity_at_100_hz_is_enough(noise):
 @pytest.mark.parametrize(
     ("plant", "effect", "name", "true"),
     [
-        (
-            SLIDE._replace(load_fraction=0.4, coupling_stiffness=3000.0, coupling_damping=4.0),
-            dfc.effects.Compliance(stiffness=2400.0, damping=4.0, load_fraction=0.4),
-            "compliance.stiffness", 3000.0,
-        ),
-        (
-            SLIDE._replace(presliding=1e-3), dfc.effects.Presliding(distance=8e-4),
-            "presliding.distance", 1e-3,
-        ),
+        (SLIDE._replace(load_fraction=0.4, coupling_stiffness=3000.0, coupling_damping=4.0),
+         dfc.effects.Compliance(stiffness=2400.0, damping=4.0, load_fraction=0.4),
+         "compliance.stiffness", 3000.0),
+        (SLIDE._replace(presliding=1e-3), dfc.effects.Presliding(distance=8e-4),
+         "presliding.distance", 1e-3),
     ],
 )  # fmt: skip
 def test_a_velocity_shows_inner_states(plant, effect, name, true):
@@ -138,9 +131,8 @@ def followed():
     command = np.array([0.6, 0.3, 0.1]) @ np.sin(tones)
     command -= command[0]
     counts = 2.0 * np.pi / 65536
-    x = closed_loop(
-        SERVO, command, 1e-3, 20, 60.0, 0.0, 0.0, 1e-3, 1e9, counts, none, none, none, none
-    )[1]
+    loop = (60.0, 0.0, 0.0, 1e-3, 1e9, counts, none, none, none, none)
+    x = closed_loop(SERVO, command, 1e-3, 20, *loop)[1]
     return dfc.Record(t, None, x, command, units={"x": "rad"})
 
 
@@ -149,8 +141,7 @@ def test_a_servo_is_fitted_by_its_commands(followed):
     true = {"mass": 0.02, "viscous": 0.3, "coulomb": 0.5}
     known = followed.commanded(60.0)
     assert known.notes == ("u is 60 (reference - x)",)
-    errors, _ = hits(dfc.fit(axis, known), true)
-    assert all(abs(error) < 0.02 for error in errors.values())
+    near(dfc.fit(axis, known), true)
 
     # Without the gain all forces are known over it.
     unknown = followed.commanded()
@@ -158,8 +149,7 @@ def test_a_servo_is_fitted_by_its_commands(followed):
     with pytest.raises(ValueError, match="InputGain"):
         dfc.fit(axis, unknown)
     guessed = axis.replace(effects=(dfc.effects.InputGain(50.0),))
-    errors, _ = hits(dfc.fit(guessed, unknown), {n: 50.0 / 60.0 * v for n, v in true.items()})
-    assert all(abs(error) < 0.02 for error in errors.values())
+    near(dfc.fit(guessed, unknown), {name: 50.0 / 60.0 * value for name, value in true.items()})
     with pytest.warns(dfc.FitWarning, match=r"input_gain"):
         dfc.fit(guessed, unknown, free=("mass", "viscous", "coulomb", "input_gain"))
 

@@ -34,14 +34,11 @@ def believed(case: Case) -> dfc.FrictionAxis:
     """The axis that the user of the case believes in."""
     b = case.believed
     return dfc.FrictionAxis(
-        mass=b["mass"],
-        viscous=b["viscous"],
-        coulomb=b["coulomb"],
+        mass=b["mass"], viscous=b["viscous"], coulomb=b["coulomb"],
         stribeck=dfc.Stribeck(**b["stribeck"]) if b["stribeck"] else None,
-        stick_speed=b["stick_speed"],
-        travel=b["travel"],
+        stick_speed=b["stick_speed"], travel=b["travel"],
         units=("rad", "N m") if case.unit == "rad" else ("m", "N"),
-    )
+    )  # fmt: skip
 
 
 def machine(case: Case) -> dfc.FrictionAxis:
@@ -85,7 +82,7 @@ def driven(
 def among(*slugs: str) -> Iterator[None]:
     """Base parameters and these effects alone are candidates: those that a test is about.
 
-    The blind tests of `test_diagnosis` have the whole catalogue.
+    Some of the blind tests of `test_hidden_effects` have the whole catalogue.
     """
     before = dict(REGISTRY)
     try:
@@ -115,12 +112,10 @@ def named_right(truth: list[str], twins: Mapping[str, Any], causes: list[str]) -
     A twin gives the very same record and counts as the effect itself.
     """
     true = sorted(foreign(truth))
-    bases = [slug for slug in truth if slug in BASE]
-    found = sorted(foreign(causes))
-    others = [true]
+    allowed = [true]
     for slug in true:
-        others += [sorted({*true} - {slug} | {twin}) for twin in twins.get(slug, ())]
-    return found in others and set(bases) <= set(causes)
+        allowed += [sorted({*true} - {slug} | {twin}) for twin in twins.get(slug, ())]
+    return sorted(foreign(causes)) in allowed and {*truth} & {*BASE} <= {*causes}
 
 
 def right_or_alternative(

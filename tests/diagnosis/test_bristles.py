@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from diagnosis_cases import among
+from diagnosis_cases import among, causes
 from numba import njit
 
 import dryfric_control as dfc
 
 M, F, FC, EXCESS, SPEED = 2.5, 20.0, 9.0, 0.35, 5e-3
 DISTANCE, DAMPING = 3e-5, 700.0
+AXIS = dfc.FrictionAxis(mass=M, viscous=F, coulomb=FC)
 
 
 @njit
@@ -39,7 +40,7 @@ def swinging(sizes, speeds, samples):
 
 def contact_and_peak(found):
     assert found.verdict == "explained"
-    assert {c.effect for c in found.causes} == {"presliding", "stribeck"}
+    assert {*causes(found)} == {"presliding", "stribeck"}
     effect = found.extended.effects[0]
     assert effect.bristles == 1.0
     assert effect.distance == pytest.approx(DISTANCE, rel=0.03)
@@ -48,9 +49,6 @@ def contact_and_peak(found):
     assert found.extended.stribeck.excess == pytest.approx(EXCESS, rel=0.05)
     assert found.gain.ratio > 100.0
     assert found.extended.effective().stribeck == found.extended.stribeck
-
-
-AXIS = dfc.FrictionAxis(mass=M, viscous=F, coulomb=FC)
 
 
 @pytest.mark.slow
@@ -97,4 +95,4 @@ def test_a_contact_that_yields_part_by_part_is_no_play():
     with among("presliding", "backlash", "load_encoder_backlash", "compliance", "dwell_time"):
         found = dfc.diagnose(axis, dfc.Record(t, u, y), progress=False)
     assert found.verdict == "explained"
-    assert [c.effect for c in found.causes] == ["presliding"]
+    assert causes(found) == ["presliding"]

@@ -84,9 +84,9 @@ SCALING = ("input_gain", "load_dependence", "load_asymmetry", "stribeck", "bias_
 BESIDE_GAIN = (*SCALING, "coulomb_asymmetry", "quadratic_drag", "viscous_asymmetry")
 BESIDE_NOISE = (*SCALING, "spring", "input_delay")
 BESIDE_PAIR = (
-    *("spring", "input_delay", "gravity", "position_dependence", "cogging", "bias_force"),
-    *("actuator_lag", "compliance", "presliding", "input_gain"),
-)
+    "spring", "input_delay", "gravity", "position_dependence", "cogging", "bias_force",
+    "actuator_lag", "compliance", "presliding", "input_gain",
+)  # fmt: skip
 
 
 @pytest.mark.slow

@@ -1,14 +1,11 @@
 """Records that a likelihood of the readings cannot judge: imposed motion, inputs stamped late."""
 
-from __future__ import annotations
-
-import math
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 import truth
-from diagnosis_cases import among, believed, record
+from diagnosis_cases import among, believed, causes, record
 
 import dryfric_control as dfc
 from dryfric_control.estimation.force_view import ForceView, prepare_force
@@ -68,8 +65,7 @@ def test_gravity_of_an_arm_that_a_tight_loop_turns() -> None:
 def test_level_of_each_record_is_found_where_a_bench_makes_the_motion() -> None:
     # A straight line foresees such readings better than any axis: all would be muted.
     levels = (5.4, 7.3, 8.8)
-    records = [walked(f, seed=i, seconds=12.0) for i, f in enumerate(levels)]
-    d = asked(records)
+    d = asked([walked(f, seed=i, seconds=12.0) for i, f in enumerate(levels)])
     assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.02)
     assert d.causes == ()
     assert any("the motion is imposed" in message for message in d.messages)
@@ -80,29 +76,18 @@ def test_level_of_each_record_is_found_where_a_bench_makes_the_motion() -> None:
 @pytest.mark.parametrize("gain", [0.5, 2.0])
 def test_innovations_are_in_units_of_the_drive(gain: float) -> None:
     """A drive recorded 0.3 too large is off by as much, whatever the gain behind it."""
-    effects = (dfc.effects.InputGain(gain),)
-    axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=7.0, effects=effects)
-    one = walked(7.0)
+    one, axis = walked(7.0), AXIS.replace(effects=(dfc.effects.InputGain(gain),))
     view = ForceView(axis, (), [prepare_force(one.replace(u=one.u / gain + 0.3), "first")])
     innovations, variances = view.innovations(view.start(), 0)[0]
     assert np.mean(innovations[variances > 0.0]) == pytest.approx(-0.3, abs=0.02)
 
 
 @dataclass(frozen=True)
-class Settled(dfc.effects.Effect):
-    """Friction that is higher in some places right after a rest."""
-
-    rise: float = dfc.effects.parameter("1", "relative rise of the level", bounds=(0.0, 10.0))
+class Settled(dfc.effects.WarmUp):
+    """Friction that the past changes."""
 
     slug = title = "settled"
-    action = "friction"
     remembers = True
-    explanation = "Grease settles in some places."
-    experiment = "Rest there."
-
-    @staticmethod
-    def law(t, x, v, u, level, direction, rest, p):
-        return level * p[0] * math.exp(-rest) * math.sin(900.0 * x) ** 2
 
 
 @pytest.mark.slow
@@ -110,7 +95,7 @@ def test_cogging_is_found_where_a_bench_makes_the_motion() -> None:
     with among("cogging", "time_periodic", "spring", "presliding", "backlash", "saturation"):
         dfc.effects.register_effect(Settled)
         d = asked(walked(7.0, 1.5, seconds=24.0))
-    assert [cause.effect for cause in d.causes] == ["cogging"]
+    assert causes(d) == ["cogging"]
     # What an effect remembers is not in the motion, but for the strain of a contact.
     assert "presliding" in d.scores and "settled" not in d.scores
     assert d.causes[0].parameters["amplitude"] == pytest.approx(1.5, rel=0.02)
@@ -121,10 +106,9 @@ def test_cogging_is_found_where_a_bench_makes_the_motion() -> None:
 @pytest.mark.slow
 def test_a_soft_contact_is_found_where_a_bench_makes_the_motion() -> None:
     # Without it the force after a turn would pass for viscous friction or a falling level.
-    record = walked(7.0, soft=1.5e-3, seconds=24.0)
     with among("presliding", "stribeck_asymmetry", "warm_up", "spring", "backlash", "drift"):
-        d = asked(record)
-    assert [cause.effect for cause in d.causes] == ["presliding"]
+        d = asked(walked(7.0, soft=1.5e-3, seconds=24.0))
+    assert causes(d) == ["presliding"]
     assert d.causes[0].parameters["distance"] == pytest.approx(1.5e-3, rel=0.05)
     assert d.extended.coulomb.plus[0] == pytest.approx(7.0, rel=0.01)
     assert d.verdict == "explained"
@@ -134,11 +118,10 @@ def test_a_soft_contact_is_found_where_a_bench_makes_the_motion() -> None:
 def test_friction_that_builds_up_after_a_turn_is_not_taken_for_viscous() -> None:
     # A bench turns round through small velocities, and only there would viscous friction show.
     levels = (5.4, 8.8)
-    records = [walked(f, seed=i, round_=1.5e-3, seconds=24.0) for i, f in enumerate(levels)]
     with among("bias_force", "presliding", "velocity_strengthening", "spring", "cogging"):
-        d = asked(records)
+        d = asked([walked(f, seed=i, round_=1.5e-3, seconds=24.0) for i, f in enumerate(levels)])
     assert d.varies["coulomb"]["values"] == pytest.approx(levels, rel=0.03)
-    assert {cause.effect for cause in d.causes} <= {"presliding"}
+    assert {*causes(d)} <= {"presliding"}
     assert d.extended.viscous == 0.0
     assert any("nearly one velocity" in message for message in d.messages)
 
@@ -161,13 +144,10 @@ def test_a_level_that_grows_is_not_put_down_to_the_load() -> None:
 
 @pytest.mark.slow
 def test_a_spring_beside_a_force_of_each_record_has_no_rest_of_its_own() -> None:
-    records = []
-    for i, (level, force) in enumerate(((5.4, 0.5), (8.8, -1.0))):
-        r = walked(level, seed=i)
-        records.append(r.replace(u=r.u + force + 40.0 * r.x))
+    walks = (walked(5.4, seed=0), 0.5), (walked(8.8, seed=1), -1.0)
     with among("bias_force", "spring", "presliding", "cogging"):
-        d = asked(records)
-    assert [cause.effect for cause in d.causes] == ["spring"]
+        d = asked([r.replace(u=r.u + force + 40.0 * r.x) for r, force in walks])
+    assert causes(d) == ["spring"]
     assert d.causes[0].parameters == {"stiffness": pytest.approx(40.0, rel=0.05)}
     forces = d.varies["bias_force.force"]
     apart = forces["values"][1] - forces["values"][0]
@@ -184,7 +164,7 @@ def test_input_that_is_stamped_late_is_found_and_shifted() -> None:
     u += 0.02 * believed(case).coulomb.plus[0] * rng.standard_normal(u.size)
     with among("coulomb_asymmetry", "bias_force", "input_delay", "actuator_lag", "presliding"):
         d = dfc.diagnose(believed(case), dfc.Record(good.t, u, good.x), jobs=1, progress=False)
-    assert [cause.effect for cause in d.causes] == ["coulomb_asymmetry"]
+    assert causes(d) == ["coulomb_asymmetry"]
     [told] = [m for m in d.messages if m.startswith("the recorded input acts")]
     # Within three standard errors of 0.0144 ms.  A part of a sample averages the noise of the
     # input, for which 0.03 ms too much are likelier; without noise it is 3.00 ms.

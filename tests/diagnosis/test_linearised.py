@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.candidates import (
-    catalogue,
-    effect_class,
-    own_names,
-    with_effect,
-)
+from dryfric_control.diagnosis.candidates import catalogue, effect_class, own_names, with_effect
 from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.search import Model, Search
@@ -23,18 +18,17 @@ AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-1.0, 1.0))
 ROTARY = AXIS.replace(units=("rad", "N m"))
 
 
-def driven(machine, seconds=3.0, noise=0.2, seed=0, units=None):
+def driven(machine, seconds=3.0):
     """A record of a machine that slides most of the time, its drive disturbed by noise."""
-    rng = np.random.default_rng(seed)
     t = DT * np.arange(round(seconds / DT))
     u = 25.0 * np.sin(6.0 * t) + 14.0 * np.sin(17.0 * t + 1.0)
     x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=DT).y[0])
-    u = u + noise * rng.standard_normal(t.size)
-    return dfc.Record(t, u, x, units=units or {"u": "N", "x": "m"})
+    u += 0.2 * np.random.default_rng(0).standard_normal(t.size)
+    return dfc.Record(t, u, x, units=dict(zip("xu", machine.units, strict=True)))
 
 
 def view_of(axis, record, force=0.5):
-    """The linearisation at an axis, its base projected out, its random force a part of the drive."""
+    """The linearisation at an axis, its base projected out, some of the drive's force random."""
     problem = Problem(axis, (prepare(record),))
     likelihood = problem.likelihood(axis)
     here = Linearised(problem, likelihood, likelihood.start(force))
@@ -50,7 +44,7 @@ def here():
 @pytest.fixture(scope="module")
 def turning():
     machine = ROTARY.replace(effects=(dfc.effects.Gravity(2.0, 0.3),))
-    return view_of(ROTARY, driven(machine, units={"u": "N m", "x": "rad"}))
+    return view_of(ROTARY, driven(machine))
 
 
 @pytest.mark.parametrize(
@@ -75,13 +69,12 @@ def test_a_column_is_the_change_that_the_filter_shows(here, slug, coefficients, 
     expected = forces @ np.array(coefficients)
     sliding = (here.point.states[0][2] != 0.0) & (states[2] == here.point.states[0][2])
     # The two runs may switch at different samples, and the filter recovers within 30.
-    switched = np.flatnonzero(np.diff(here.point.states[0][2]) != 0.0)
-    for k in switched:
+    for k in np.flatnonzero(np.diff(here.point.states[0][2]) != 0.0):
         sliding[max(k - 2, 0) : k + 30] = False
     sliding &= here.ok
     assert sliding.sum() > 0.4 * sliding.size
-    error = np.linalg.norm((moved - expected)[sliding])
-    assert error < 0.05 * np.linalg.norm(expected[sliding])
+    moved, expected = moved[sliding], expected[sliding]
+    assert np.linalg.norm(moved - expected) < 0.05 * np.linalg.norm(expected)
 
 
 def test_a_factor_of_the_friction_is_taken_over_by_the_level(here):
@@ -102,8 +95,7 @@ def test_shapes_of_every_effect(here, turning, name):
     for shape in shapes:
         width = max(len(shape.force), len(shape.reading), 1)
         for one in (*shape.force, *shape.reading):
-            assert one.shape == view.x.shape
-            assert np.isfinite(one).all()
+            assert one.shape == view.x.shape and np.isfinite(one).all()
         assert not (shape.force and shape.reading)
         size = min(0.1 * view.size, 0.5 * shape.most)
         for sign in (1.0,) if shape.positive else (1.0, -1.0):
@@ -135,8 +127,7 @@ def test_a_force_at_rest_leaves_no_trace_in_the_innovations(here):
 )
 def test_the_strongest_frequency_is_that_of_the_sine(effect, kind, frequency):
     record = driven(AXIS.replace(effects=(effect,)), seconds=4.0)
-    here = view_of(AXIS, record, force=0.1)
-    found, lobes = here.waves(kind)
+    found, lobes = view_of(AXIS, record, force=0.1).waves(kind)
     along = record.t if kind == "time" else record.x
     # Half a main lobe, which is one period over the whole length.
     assert found[0] == pytest.approx(frequency, abs=0.5 / np.ptp(along))

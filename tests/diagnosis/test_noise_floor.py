@@ -22,26 +22,28 @@ def made(quantum=QUANTUM, noise=0.0, steps=0.0):
     return dfc.Record(t, u, quantum * np.round(x / quantum) if quantum else x)
 
 
-def floor_of(record, model=AXIS, active=None, truths=4, seed=0):
-    bench = cut(record)
-    active = np.ones(len(bench), bool) if active is None else active
-    at = bench.evaluate(AXIS, active)
-    return noise_floor(bench, model, [AXIS] * truths, at, active, seed), bench
-
-
-def begun(**given):
+def begun(record):
     """Windows of a record of the axis, all of them known, and the axis' free runs in them."""
-    bench = cut(made(**given))
+    bench = cut(record)
     known = np.ones(len(bench), bool)
     return bench, known, bench.evaluate(AXIS, known)
+
+
+def floor_of(record, model=AXIS, seed=0):
+    """The floor of four replays, and the windows."""
+    bench, known, at = begun(record)
+    return noise_floor(bench, model, [AXIS] * 4, at, known, seed), bench
+
+
+def scores_of(bench, model=AXIS):
+    known = np.ones(len(bench), bool)
+    return bench.scores(bench.evaluate(model, known, thorough=True).costs)
 
 
 def test_the_integral_of_a_velocity_drifts_in_replays_too():
     run, t = AXIS.simulate(made().u, dt=DT), DT * np.arange(6000)
     v = run.y[1] + 5e-3 * np.random.default_rng(4).standard_normal(t.size)
-    bench = cut(dfc.Record(t, made().u, None, channels={"v": v}))
-    active = np.ones(len(bench), bool)
-    at = bench.evaluate(AXIS, active)
+    bench, active, at = begun(dfc.Record(t, made().u, None, channels={"v": v}))
     still, drifting, more = (
         noise_floor(bench, AXIS, [AXIS] * 8, at, active, velocity=s) for s in (0.0, 5e-3, 1e-2)
     )
@@ -54,8 +56,7 @@ def test_the_integral_of_a_velocity_drifts_in_replays_too():
 
 
 def of_scores(*replays):
-    scores = np.array(replays, dtype=float)
-    return Floor(scores, scores)
+    return Floor(np.array(replays, dtype=float), np.array(replays, dtype=float))
 
 
 ALL = np.ones(80, bool)
@@ -63,12 +64,7 @@ QUIET = of_scores(np.zeros(80), np.zeros(80))
 
 
 def raised(value, count):
-    scores = np.zeros(80)
-    scores[:count] = value
-    return scores
-
-
-# -- what is beyond chance ----------------------------------------------------------------------
+    return np.where(np.arange(80) < count, value, 0.0)
 
 
 def test_replays_give_each_window_its_mean_and_its_worst():
@@ -114,9 +110,6 @@ def test_the_error_of_a_mean_is_that_of_the_record_or_of_the_replays():
     assert apart.excess(np.full(80, 0.3), two) == pytest.approx((0.1, 0.2))
 
 
-# -- replays ------------------------------------------------------------------------------------
-
-
 def test_a_true_model_leaves_the_noise_of_the_encoder():
     floor, bench = floor_of(made())
     rms = np.sqrt(floor.squares[:, bench.moving].mean())
@@ -137,9 +130,7 @@ def test_noise_that_is_no_quantum_is_replayed_too():
 
 
 def test_replays_differ_and_come_again_with_their_seed():
-    first, _ = floor_of(made())
-    again, _ = floor_of(made())
-    other, _ = floor_of(made(), seed=1)
+    first, again, other = (floor_of(made(), seed=seed)[0] for seed in (0, 0, 1))
     np.testing.assert_array_equal(first.scores, again.scores)
     assert not np.any(np.all(first.scores == other.scores, axis=1))
     # Another grid and other starts in every replay.
@@ -149,31 +140,25 @@ def test_replays_differ_and_come_again_with_their_seed():
 def test_the_record_itself_is_within_its_floor_and_another_axis_is_not():
     record = made()
     floor, bench = floor_of(record)
-    known = np.ones(len(bench), bool)
-    scores = bench.scores(bench.evaluate(AXIS, known, thorough=True).costs)
-    assert floor.reached(scores, known)
-    wrong = AXIS.replace(mass=2.1)
-    scores = bench.scores(bench.evaluate(wrong, known, thorough=True).costs)
-    assert not floor.reached(scores, known)
+    known, wrong = np.ones(len(bench), bool), AXIS.replace(mass=2.1)
+    assert floor.reached(scores_of(bench), known)
+    assert not floor.reached(scores_of(bench, wrong), known)
     # The same wrong model, scored on replays of the truth.
     lifted, _ = floor_of(record, model=wrong)
     assert lifted.expected.mean() > 5.0 * floor.expected.mean()
 
 
 @pytest.mark.parametrize("row", [0, 1])
-def test_replays_start_where_the_model_was_found_to_start(row):
-    bench, known, at = begun()
-    at.starts[row] += 30.0 * (bench.x0_error, bench.v0_error)[row]
+def test_replays_start_where_the_model_was_found_to_start_unless_a_run_is_lost(row):
+    bench, known, at = begun(made())
+    starts, error = at.starts.copy(), (bench.x0_error, bench.v0_error)[row]
+    at.starts[row] += 30.0 * error
     moved = noise_floor(bench, AXIS, [AXIS] * 4, at, known)
     assert moved.expected[bench.moving].mean() == pytest.approx(0.22, abs=0.04)
-
-
-@pytest.mark.parametrize("row", [0, 1])
-def test_a_run_that_is_lost_tells_no_start(row):
-    bench, known, at = begun()
-    at.starts[row, 3] += 300.0 * (bench.x0_error, bench.v0_error)[row][3]
+    at.starts[:] = starts
+    sound = noise_floor(bench, AXIS, [AXIS] * 4, at, known)
+    at.starts[row, 3] += 300.0 * error[3]
     floor = noise_floor(bench, AXIS, [AXIS] * 4, at, known)
-    sound = noise_floor(bench, AXIS, [AXIS] * 4, bench.evaluate(AXIS, known), known)
     # The other windows as before; that one from where the readings put it.
     np.testing.assert_array_equal(np.delete(floor.scores, 3, 1), np.delete(sound.scores, 3, 1))
     assert floor.expected[3] == pytest.approx(0.22, abs=0.06)
@@ -184,19 +169,16 @@ def test_an_input_recorded_in_steps_acted_between_them():
     record = made(steps=steps)
     assert record.input_quantum == pytest.approx(steps) and made().input_quantum == 0.0
     floor, bench = floor_of(record)
-    known = np.ones(len(bench), bool)
-    at = bench.evaluate(AXIS, known, thorough=True)
-    scores = bench.scores(at.costs)
+    known, scores = np.ones(len(bench), bool), scores_of(bench)
     # Far beyond the noise of the readings, yet nothing that the rounding does not cause.
     assert not floor_of(made())[0].reached(scores, known)
     assert floor.reached(scores, known)
     # A level that is wrong by more than the rounding shows all the same.
-    off = bench.scores(bench.evaluate(AXIS.replace(coulomb=9.0), known, thorough=True).costs)
-    assert not floor.reached(off, known)
+    assert not floor.reached(scores_of(bench, AXIS.replace(coulomb=9.0)), known)
 
 
 def test_a_drive_that_acts_in_steps_has_no_rounding():
-    bench, known, at = begun(steps=0.2)
+    bench, known, at = begun(made(steps=0.2))
     small, some, large, larger = (
         noise_floor(bench, AXIS, [AXIS] * 4, at, known, force=part * 0.2 / np.sqrt(12.0))
         for part in (0.01, 0.6, 0.9, 3.0)
@@ -209,7 +191,7 @@ def test_a_drive_that_acts_in_steps_has_no_rounding():
 
 
 def test_replays_that_diverge_are_left_out(monkeypatch):
-    (bench, known, at), far, run = begun(), AXIS.replace(mass=2.5), Windows.run
+    (bench, known, at), far, run = begun(made()), AXIS.replace(mass=2.5), Windows.run
     monkeypatch.setattr(
         Windows, "run", lambda w, one, **how: run(w, one, **how) + (np.inf if one is far else 0.0)
     )
@@ -219,9 +201,9 @@ def test_replays_that_diverge_are_left_out(monkeypatch):
 
 
 def test_only_windows_asked_for_are_scored():
-    record = made()
-    active = np.arange(len(cut(record))) % 2 == 0
-    floor, _ = floor_of(record, active=active)
+    bench = cut(made())
+    active = np.arange(len(bench)) % 2 == 0
+    floor = noise_floor(bench, AXIS, [AXIS] * 4, bench.evaluate(AXIS, active), active)
     assert np.all(floor.scores[:, active] > 0.0)
     assert np.all(floor.scores[:, ~active] == 0.0)
 

@@ -1,10 +1,8 @@
 """Diagnosis of records in which a random force acts beside the model."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from diagnosis_cases import among, driven
+from diagnosis_cases import among, causes, driven
 
 import dryfric_control as dfc
 from dryfric_control.estimation.likelihood import Likelihood, prepare
@@ -24,7 +22,7 @@ def test_names_a_bias_in_noise():
     record = driven(AXIS.replace(effects=(dfc.effects.BiasForce(1.0),)), 6.0, 0.24, 1)
     with among(*RIVALS):
         biased = dfc.diagnose(AXIS, record, known=("mass",), jobs=1)
-    assert [c.effect for c in biased.causes] == ["bias_force"]
+    assert causes(biased) == ["bias_force"]
     cause = biased.causes[0]
     assert abs(cause.parameters["force"] - 1.0) < 4.0 * cause.standard_errors["force"] + 0.01
     assert biased.verdict == "explained"
@@ -47,15 +45,13 @@ def test_names_causes_in_a_velocity(noise):
     v = v * (1.0 + 2e-4 * 2.0 * np.pi / 0.03 * np.cos(2.0 * np.pi * x / 0.03))
     seen = v + noise * v.std() * rng.standard_normal(t.size)
     with among("cogging", "eccentric_encoder", "compliance", "load_encoder_backlash", "stribeck"):
-        d = dfc.diagnose(
-            AXIS.replace(mass=2.2, coulomb=7.0), dfc.Record(t, u, None, channels={"v": seen}),
-            jobs=1,
-        )  # fmt: skip
-    causes = {cause.effect: cause.parameters for cause in d.causes}
-    assert causes.keys() == {"cogging", "eccentric_encoder", "inertia", "coulomb"}
+        record = dfc.Record(t, u, None, channels={"v": seen})
+        d = dfc.diagnose(AXIS.replace(mass=2.2, coulomb=7.0), record, jobs=1)
+    found = {cause.effect: cause.parameters for cause in d.causes}
+    assert found.keys() == {"cogging", "eccentric_encoder", "inertia", "coulomb"}
     assert d.verdict == "explained"
-    assert causes["cogging"]["amplitude"] == pytest.approx(2.0, rel=0.01)
-    assert causes["eccentric_encoder"]["amplitude"] == pytest.approx(2e-4, rel=0.1)
+    assert found["cogging"]["amplitude"] == pytest.approx(2.0, rel=0.01)
+    assert found["eccentric_encoder"]["amplitude"] == pytest.approx(2e-4, rel=0.1)
     assert d.extended.mass == pytest.approx(2.0, rel=0.003)
 
 
@@ -103,12 +99,10 @@ def test_a_muted_mass_is_out_of_reach():
 
 
 def test_three_wrong_parameters_cost_more_than_one_cause():
-    problem = Likelihood(
-        AXIS, ("mass", "viscous", "coulomb"), [prepare(driven(AXIS, 1.0, 0.24, 5))], wonder=True
-    )
+    run = prepare(driven(AXIS, 1.0, 0.24, 5))
+    problem = Likelihood(AXIS, ("mass", "viscous", "coulomb"), [run], wonder=True)
     z = problem.start()
     assert problem.prior(z) == pytest.approx(0.0)
-    scaled = AXIS.replace(mass=2.0 / 1.15, viscous=15.0 / 1.15, coulomb=8.0 / 1.15)
-    values = (scaled.mass, scaled.viscous, 8.0 / 1.15)
+    values = np.array([2.0, 15.0, 8.0]) / 1.15
     off = [p.search(v) for p, v in zip(problem.parameters, values, strict=True)]
     assert problem.prior(np.concatenate((off, z[3:]))) > 20.0

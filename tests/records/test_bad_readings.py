@@ -1,7 +1,5 @@
 """Bad readings: found in spoiled records, and never in sound ones."""
 
-from __future__ import annotations
-
 import pickle
 import warnings
 
@@ -17,13 +15,11 @@ T = 1e-3 * np.arange(2000)
 U = np.cos(5.0 * T)
 QUANTUM = 1e-6
 X = QUANTUM * np.round(0.1 * np.sin(5.0 * T) / QUANTUM)
-STILL = np.full(40, X[-1])
 
 
 def quiet(*arguments, make=dfc.Record, **options):
     """A record, its warnings not heard."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", dfc.RecordWarning)
+    with warnings.catch_warnings(action="ignore", category=dfc.RecordWarning):
         return make(*arguments, **options)
 
 
@@ -38,9 +34,8 @@ def spoiled():
 
 def test_masked_and_bridged():
     x = spoiled()
-    with pytest.warns(
-        dfc.RecordWarning, match=r"masked: 1 jump, 3 repeated; the first is x\[300\]"
-    ):
+    words = r"masked: 1 jump, 3 repeated; the first is x\[300\]"
+    with pytest.warns(dfc.RecordWarning, match=words):
         record = dfc.Record(T, U, x)
     assert record.masked.indices.tolist() == [300, 701, 1001, 1002]
     assert record.masked.reasons == ("jump", "repeated", "repeated", "repeated")
@@ -78,43 +73,38 @@ def test_what_a_logger_spoils_is_found():
 
 
 @pytest.mark.parametrize(
-    ("bad", "why"),
+    "bad",
     [
-        ({600: "jump", 601: "jump"}, "two jumps side by side"),
-        ({600: "jump", 602: "jump"}, "two jumps, a sound reading between them"),
-        ({600: "repeated", 602: "repeated"}, "two repetitions, a sound reading between them"),
-        ({600: "repeated", 603: "repeated"}, "two repetitions, two sound readings between them"),
-        ({600: "jump", 602: "repeated"}, "a jump and a repetition"),
+        {600: "jump", 601: "jump"}, {600: "jump", 602: "jump"}, {600: "jump", 602: "repeated"},
+        {600: "repeated", 602: "repeated"}, {600: "repeated", 603: "repeated"},
     ],
-)
-def test_bad_readings_close_to_each_other(bad, why):
+)  # fmt: skip
+def test_bad_readings_close_to_each_other(bad):
     x = X.copy()
     for k, kind in bad.items():
         x[k] = x[k - 1] if kind == "repeated" else X[k] + (2e-3 if k == 600 else -2e-4)
     found = find(x, QUANTUM / np.sqrt(12.0), QUANTUM)
-    assert bad.keys() <= found.keys() and len(found) <= len(bad) + 1, why
+    assert bad.keys() <= found.keys() and len(found) <= len(bad) + 1
 
 
-@pytest.mark.parametrize(
-    ("x", "why"),
-    [
-        (np.r_[X, STILL], "comes to rest"),
-        (np.r_[X, X[-1] + np.cumsum(np.full(40, 5e-4))], "starts with a kick"),
-        (np.r_[X, X + 0.02], "lost count"),
-        (np.repeat(X[::4], 4), "a slower encoder"),
-    ],
-)  # fmt: skip
-def test_not_bad(x, why):
-    assert find(x, QUANTUM / np.sqrt(12.0), QUANTUM) == {}, why
+SOUND = {
+    "comes to rest": np.r_[X, np.full(40, X[-1])],
+    "starts with a kick": np.r_[X, X[-1] + np.cumsum(np.full(40, 5e-4))],
+    "lost count": np.r_[X, X + 0.02],
+    "a slower encoder": np.repeat(X[::4], 4),
+}
+
+
+@pytest.mark.parametrize("why", SOUND)
+def test_not_bad(why):
+    assert find(SOUND[why], QUANTUM / np.sqrt(12.0), QUANTUM) == {}
 
 
 def test_what_happens_all_the_time_is_no_exception():
-    x = X.copy()
-    x[5::50] += 1e-3
-    assert list(find(x, 1e-6, 0.0)) == list(range(5, X.size, 50))
-    x = X.copy()
-    x[5::15] += 1e-3
-    assert find(x, 1e-6, 0.0) == {}
+    for every, found in ((50, list(range(5, X.size, 50))), (15, [])):
+        x = X.copy()
+        x[5::every] += 1e-3
+        assert list(find(x, 1e-6, 0.0)) == found
 
 
 def test_parts_and_copies_keep_the_mask():

@@ -8,6 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
+from made_logs import text, write
 from scipy.integrate import cumulative_trapezoid
 
 import dryfric_control as dfc
@@ -21,18 +22,6 @@ X = np.round(1.5 * np.sin(2.0 * T) + 0.4 * np.sin(5.0 * T), 6)
 V = np.gradient(X, DT)
 
 
-def text(*columns, heading="", mark=",", decimal="."):
-    lines = [mark.join(f"{v:.9g}".replace(".", decimal) if isinstance(v, float) else str(v)
-                       for v in row) for row in zip(*columns, strict=True)]  # fmt: skip
-    return "\n".join([heading] * bool(heading) + lines) + "\n"
-
-
-def write(folder, content, name="run.csv"):
-    path = folder / name
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return path
-
-
 def same(record):
     np.testing.assert_allclose(record.x - record.x[0], X - X[0], rtol=0, atol=1e-8)
     np.testing.assert_allclose(record.u, U, rtol=0, atol=1e-8)
@@ -40,106 +29,85 @@ def same(record):
 
 
 #: Headings of a log; t=, u=, x= and r= mark those that are taken.
-HEADINGS = {
-    "commanded current": "t=t; u=i_cmd; x=x",
-    "measured and commanded torque": "t=time; u=torque_act; x=q_meas; r=q_des; tau_cmd",
-    "the commanded position is no input": "t=t; u=u; x=x; r=position_command",
-    "counts beside a position": "t=t; u=u; x=pos_act; r=pos_cmd; encoder",
-    "behind the name a unit": "t=t_s; u=i_cmd_A; x=pos_act_m; r=pos_cmd_m; i_meas_foo",
-    "Franka": "t=time; x=q; dq; u=tau_J",
-    "Franka, commanded too": "t=time; x=q; r=q_d; dq; u=tau_J; tau_J_d",
-    "a joint by number": "t=time; x=q3; dq3; u=q3_tau_J",
-    "a joint behind a line": "t=t; x=q_3; u=tau_3",
-    "a joint in brackets": "t=timestamp; x=pos (5); u=effort (5)",
-    "a joint in square brackets": "t=t; x=position[2]; u=effort[2]",
-    "words and number": "t=time; x=joint_2_pos; joint_2_vel; u=joint_2_torque",
-    "axis in front": "t=Time; u=Axis 1 Torque; x=Axis 1 Position",
-    "Universal Robots": "t=timestamp; x=actual_q_0; r=target_q_0; u=actual_current_0; actual_qd_0",
-    "KUKA": "t=t; x=q_msr; r=q_cmd; u=tau_msr",
-    "ROS joint state": "t=time; x=position.elbow; velocity.elbow; u=effort.elbow",
-    "ROS topic": "t=time; x=/joint_states/position; u=/joint_states/effort",
-    "Unitree": "t=t; x=motor_state.0.q; motor_state.0.dq; u=motor_state.0.tau_est",
-    "Dynamixel": "t=time; r=goal_position; x=present_position; present_velocity; u=present_current",
-    "ODrive": "t=time; x=pos_estimate; vel_estimate; Iq_setpoint; u=Iq_measured",
-    "ODrive, path": "t=time; x=axis0.encoder.pos_estimate; u=axis0.motor.current_control.Iq_measured",
-    "ODrive, asked": "t=time; x=pos_estimate; r=input_pos; u=torque_estimate; input_torque",
-    "SimpleFOC": "t=time; r=target; u=voltage.q; shaft_velocity; x=shaft_angle",
-    "SimpleFOC, current": "t=t; u=current.q; velocity; x=angle",
-    "CiA 402": "t=t; x=Position actual value; r=Position demand value; u=Torque actual value; Target torque",
-    "TwinCAT": "t=time; x=Axis 1.ActPos; r=Axis 1.SetPos; u=MAIN.fActTorque",
-    "TwinCAT, path": "t=time; x=Axes.Axis 1.NcToPlc.ActPos; u=GVL.fbDrive.fTorque",
-    "camel case": "t=time; u=MotorTorque; x=ActualPosition; r=PositionCommand",
-    "snake case": "t=t; x=actual_position; r=target_position; u=i_q",
-    "cylinder": "t=t; u=pressure; x=position",
-    "effort": "t=secs; u=effort; x=position",
-    "elapsed": "t=elapsed_time; u=torque; x=angle",
-    "duty": "t=time; u=pwm; x=encoder",
-    "German": "t=Zeit; u=Kraft; x=Weg",
-    "German, rotary": "t=Zeit; u=Drehmoment; x=Drehwinkel; Drehzahl",
-    "German, in one word": "t=Zeit; x=Istposition; r=Sollposition; u=Iststrom",
-    "German, the other way": "t=Zeitstempel; x=Lageistwert; r=Lagesollwert; u=Drehmomentistwert",
-    "German, with units": "t=Zeit in ms; u=Druck in bar; x=Hub in mm",
-    "German, stroke": "t=Zeit; u=Kraft; x=Isthub; r=Sollhub",
-    "German, stroke with units": "t=Zeit in s; u=Druck in bar; x=Hub in mm; r=Soll-Hub in mm",
-    "German, stroke the other way": "t=Zeit; u=Kraft; r=Hubsollwert; x=Hubistwert",
-    "German, pressure": "t=Zeit; u=Druck; x=Position",
-    "German, sharp s": "t=Zeit; u=Stellgröße; x=Winkel",
-    "French": "t=temps; u=couple; x=angle; vitesse",
-    "French, current": "t=Temps; u=Courant; x=Position; r=Consigne",
-    "French, pressure": "t=temps; u=pression; x=position",
-    "Spanish": "t=tiempo; u=fuerza; x=posición; velocidad",
-    "Spanish, current": "t=Tiempo; u=Corriente; x=Ángulo",
-    "Italian": "t=tempo; u=forza; x=posizione; velocità",
-    "Portuguese": "t=tempo; u=força; x=posição",
-    "Dutch": "t=tijd; u=kracht; x=positie; snelheid",
-    "Chinese": "t=时间; u=力矩; x=位置",
-    "Japanese": "t=時間; u=トルク; x=位置",
-    "Swedish": "t=tid; u=kraft; x=position",
-    "Polish": "t=czas; u=siła; x=położenie",
-    "Czech": "t=čas; u=síla; x=poloha",
-    "Turkish": "t=zaman; u=kuvvet; x=konum",
-    "Finnish": "t=aika; u=voima; x=asema",
-    "Russian": "t=время; u=момент; x=угол",
-    "Korean": "t=시간; u=토크; x=위치",
-    "ROS, in short": "t=stamp; x=pos; vel; u=eff",
-    "PlotJuggler": "t=rosbagTimestamp; x=position; u=effort",
-    "testing machine": "t=sec; u=force; x=displacement",
-    "cylinder, stroke": "t=time; x=stroke; u=force",
-    "unit in lower case": "t=time; u=torque_nm; x=position_rad",
-    "unit behind a line": "t=time_ms; u=tau_Nm; x=q_rad",
-    "unit of parts": "t=time_s; u=torque_N_m; x=pos_rad; vel_rad_s",
-    "unit behind a blank": "t=Time s; u=Force N; x=Position mm",
-    "unit and number": "t=t [s]; x=pos (2) [deg]; u=current (2) [A]",
-    "measured goes before asked": "t=t; cmd_torque; u=meas_torque; x=x",
-    "plain goes before numbered": "t=t; u=u; x=x; x1; u1",
-}
+HEADINGS = [
+    # which of several
+    "t=t; u=i_cmd; x=x", "t=time; u=torque_act; x=q_meas; r=q_des; tau_cmd",
+    "t=t; u=u; x=x; r=position_command", "t=t; u=u; x=pos_act; r=pos_cmd; encoder",
+    "t=t; cmd_torque; u=meas_torque; x=x", "t=t; u=u; x=x; x1; u1",
+    # joints
+    "t=time; x=q3; dq3; u=q3_tau_J", "t=t; x=q_3; u=tau_3", "t=timestamp; x=pos (5); u=effort (5)",
+    "t=t; x=position[2]; u=effort[2]", "t=time; x=joint_2_pos; joint_2_vel; u=joint_2_torque",
+    "t=Time; u=Axis 1 Torque; x=Axis 1 Position",
+    # Franka, Universal Robots, KUKA, Unitree
+    "t=time; x=q; dq; u=tau_J", "t=time; x=q; r=q_d; dq; u=tau_J; tau_J_d",
+    "t=timestamp; x=actual_q_0; r=target_q_0; u=actual_current_0; actual_qd_0",
+    "t=t; x=q_msr; r=q_cmd; u=tau_msr",
+    "t=t; x=motor_state.0.q; motor_state.0.dq; u=motor_state.0.tau_est",
+    # ROS, PlotJuggler
+    "t=time; x=position.elbow; velocity.elbow; u=effort.elbow",
+    "t=time; x=/joint_states/position; u=/joint_states/effort", "t=stamp; x=pos; vel; u=eff",
+    "t=rosbagTimestamp; x=position; u=effort",
+    # Dynamixel, ODrive, SimpleFOC
+    "t=time; r=goal_position; x=present_position; present_velocity; u=present_current",
+    "t=time; x=pos_estimate; vel_estimate; Iq_setpoint; u=Iq_measured",
+    "t=time; x=axis0.encoder.pos_estimate; u=axis0.motor.current_control.Iq_measured",
+    "t=time; x=pos_estimate; r=input_pos; u=torque_estimate; input_torque",
+    "t=time; r=target; u=voltage.q; shaft_velocity; x=shaft_angle",
+    "t=t; u=current.q; velocity; x=angle",
+    # CiA 402, TwinCAT
+    "t=t; x=Position actual value; r=Position demand value; u=Torque actual value; Target torque",
+    "t=time; x=Axis 1.ActPos; r=Axis 1.SetPos; u=MAIN.fActTorque",
+    "t=time; x=Axes.Axis 1.NcToPlc.ActPos; u=GVL.fbDrive.fTorque",
+    # English words
+    "t=time; u=MotorTorque; x=ActualPosition; r=PositionCommand",
+    "t=t; x=actual_position; r=target_position; u=i_q", "t=t; u=pressure; x=position",
+    "t=time; x=stroke; u=force", "t=sec; u=force; x=displacement", "t=secs; u=effort; x=position",
+    "t=elapsed_time; u=torque; x=angle", "t=time; u=pwm; x=encoder",
+    # units
+    "t=t_s; u=i_cmd_A; x=pos_act_m; r=pos_cmd_m; i_meas_foo", "t=time; u=torque_nm; x=position_rad",
+    "t=time_ms; u=tau_Nm; x=q_rad", "t=time_s; u=torque_N_m; x=pos_rad; vel_rad_s",
+    "t=Time s; u=Force N; x=Position mm", "t=t [s]; x=pos (2) [deg]; u=current (2) [A]",
+    # German
+    "t=Zeit; u=Drehmoment; x=Drehwinkel; Drehzahl",
+    "t=Zeit; x=Istposition; r=Sollposition; u=Iststrom",
+    "t=Zeitstempel; x=Lageistwert; r=Lagesollwert; u=Drehmomentistwert",
+    "t=Zeit; u=Kraft; x=Isthub; r=Sollhub",
+    "t=Zeit in ms; u=Druck in bar; x=Hub in mm; r=Soll-Hub in mm",
+    "t=Zeit; u=Kraft; r=Hubsollwert; x=Hubistwert", "t=Zeit; u=Stellgröße; x=Winkel",
+    # French, Spanish, Italian, Portuguese, Dutch, Swedish, Polish, Czech, Turkish, Finnish,
+    # Chinese, Japanese, Russian, Korean
+    "t=temps; u=couple; x=angle; vitesse", "t=Temps; u=Courant; x=Position; r=Consigne",
+    "t=temps; u=pression; x=position", "t=tiempo; u=fuerza; x=posición; velocidad",
+    "t=Tiempo; u=Corriente; x=Ángulo", "t=tempo; u=forza; x=posizione; velocità",
+    "t=tempo; u=força; x=posição", "t=tijd; u=kracht; x=positie; snelheid",
+    "t=tid; u=kraft; x=position", "t=czas; u=siła; x=położenie", "t=čas; u=síla; x=poloha",
+    "t=zaman; u=kuvvet; x=konum", "t=aika; u=voima; x=asema", "t=时间; u=力矩; x=位置",
+    "t=時間; u=トルク; x=位置", "t=время; u=момент; x=угол", "t=시간; u=토크; x=위치",
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("case", HEADINGS)
-def test_headings_of_logs_are_recognised(case):
-    marked = [one.rpartition("=") for one in HEADINGS[case].split("; ")]
+@pytest.mark.parametrize("line", HEADINGS)
+def test_headings_of_logs_are_recognised(line):
+    marked = [one.rpartition("=") for one in line.split("; ")]
     found = assign_columns([heading for *_, heading in marked], None, "run.csv")
     taken = {role[0]: found[role] for role in ("t", "u", "x", "reference") if role in found}
     assert taken == {role: k for k, (role, *_) in enumerate(marked) if role}
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("t;q1;q2;tau1;tau2", "'tau1', 'tau2' could each be u; say which.*or one joint: joint="),
-        ("t;force;torque;x", "'force', 'torque' could each be u; say which: columns=.*"),
-        ("t;u;imu.gyro.x", "no column recognised as x"),
-        ("t;iq;tau;x", "could each be u"),
-        ("t;tau_m;x", "no column recognised as u"),
-        ("t;load (5);x", "no column recognised as u"),
-        ("t;u;motor_position", "no column recognised as x"),
-        ("Zeit;Kraft;Sollhub", "no column recognised as x"),
-        ("Zeit;Kraft;Isthub;Istweg", "'Isthub', 'Istweg' could each be x"),
-        ("t;u;wheel_hub_temp", "no column recognised as x"),
-    ],
-)
-def test_what_is_not_beyond_doubt_is_asked_for(line, message):
-    with pytest.raises(ValueError, match=message):
+DOUBTFUL = {
+    "t;q1;q2;tau1;tau2": "'tau1', 'tau2' could each be u; say which.*or one joint: joint=",
+    "t;force;torque;x": "'force', 'torque' could each be u; say which: columns=.*",
+    "t;iq;tau;x": "could each be u",
+    "Zeit;Kraft;Isthub;Istweg": "'Isthub', 'Istweg' could each be x",
+    **dict.fromkeys(("t;tau_m;x", "t;load (5);x"), "no column recognised as u"),
+    **dict.fromkeys(("t;u;imu.gyro.x", "t;u;motor_position", "Zeit;Kraft;Sollhub",
+                     "t;u;wheel_hub_temp"), "no column recognised as x"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("line", DOUBTFUL)
+def test_what_is_not_beyond_doubt_is_asked_for(line):
+    with pytest.raises(ValueError, match=DOUBTFUL[line]):
         assign_columns(line.split(";"), None, "run.csv")
 
 
@@ -174,11 +142,16 @@ def scope(pairs, times=T):
     return head + "\n".join(lines) + "\n\n" + text(*clock, mark="\t", decimal=",") + "EOF\n"
 
 
-MINUS = "\N{MINUS SIGN}"
+def stamped(how, heading="t,u,x", start=0.0, **marks):
+    """The motion over times of day, or dates, that are written like this."""
+    stamps = [(d + datetime.timedelta(seconds=start)).strftime(how) for d in DATES]
+    return text(stamps, U, X, heading=heading, **marks)
+
+
 DIALECTS = {
     "UTF-16 of Excel": text(T, U, X, heading="t\tu\tx", mark="\t").encode("utf-16"),
     "UTF-16 without a mark": text(T, U, X, heading="t,u,x").encode("utf-16-le"),
-    "minus of Unicode": text(T, U, X, heading="t,u,x").replace("-", MINUS),
+    "minus of Unicode": text(T, U, X, heading="t,u,x").replace("-", "\N{MINUS SIGN}"),
     "exponents of Fortran": text(
         *([f"{v:.9E}".replace("E", "D") for v in c] for c in (T, U, X)), heading="t u x", mark="  "
     ),
@@ -187,27 +160,15 @@ DIALECTS = {
         mark=" ",
     ),
     "ISO 8601": text([d.isoformat() for d in DATES], U, X, heading="t,u,x"),
-    "ISO 8601 in UTC": text(
-        [d.strftime("%Y-%m-%dT%H:%M:%S.%f") + "000Z" for d in DATES], U, X, heading="time,u,x"
-    ),
-    "ISO 8601 with a blank": text(
-        [d.strftime("%Y-%m-%d %H:%M:%S.%f") for d in DATES], U, X, heading="t [ms];u;x", mark=";"
-    ),
+    "ISO 8601 in UTC": stamped("%Y-%m-%dT%H:%M:%S.%f000Z", "time,u,x"),
+    "ISO 8601 with a blank": stamped("%Y-%m-%d %H:%M:%S.%f", "t [ms];u;x", mark=";"),
     "ISO 8601 over the change to summer time": text(
         [d.astimezone(zone).isoformat() for d, zone in zip(DATES, BERLIN, strict=True)], U, X,
         heading="t,u,x",
     ),
-    "German dates": text(
-        [d.strftime("%d.%m.%Y %H:%M:%S,%f") for d in DATES], U, X, heading="Zeit;Kraft;Weg",
-        mark=";", decimal=",",
-    ),
-    "times of day over midnight": text(
-        [(d - datetime.timedelta(minutes=59)).strftime("%H:%M:%S.%f") for d in DATES], U, X,
-        heading="t,u,x",
-    ),
-    "serial monitor of Arduino": "".join(
-        f"{d.strftime('%H:%M:%S.%f')[:-3]} -> {u}\t{x}\n" for d, u, x in zip(DATES, U, X, strict=True)
-    ),
+    "German dates": stamped("%d.%m.%Y %H:%M:%S,%f", "Zeit;Kraft;Weg", mark=";", decimal=","),
+    "times of day over midnight": stamped("%H:%M:%S.%f", start=-3600.0),
+    "serial monitor of Arduino": stamped("%H:%M:%S.%f", "", mark="\t").replace("000\t", " -> "),
     "Scope, a time for each": scope(True),
     "Scope, a time for all": scope(False),
     "SimpleFOC, no heading": text(T, X, U, V, X, mark="\t"),
@@ -217,8 +178,7 @@ HOW = {"SimpleFOC, no heading": {"columns": {"t": "0", "u": 2, "x": "1"}}}
 
 @pytest.mark.parametrize("case", DIALECTS)
 def test_dialects_are_read(tmp_path, case):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         same(dfc.read_record(write(tmp_path, DIALECTS[case]), **HOW.get(case, {})))
 
 
@@ -226,9 +186,8 @@ def test_times_that_are_not_beyond_doubt_are_refused(tmp_path):
     assert dict(dfc.read_record(write(tmp_path, scope(True))).units)["u"] == "N m"
     with pytest.raises(ValueError, match="times of their own"):
         dfc.read_record(write(tmp_path, scope(True, T + 1e-3)))
-    content = text([d.strftime("%m/%d/%Y %H:%M:%S.%f") for d in DATES], U, X, heading="t,u,x")
     with pytest.raises(ValueError, match=r"row 2, column 't' .*ISO 8601.*parse_dates"):
-        dfc.read_record(write(tmp_path, content))
+        dfc.read_record(write(tmp_path, stamped("%m/%d/%Y %H:%M:%S.%f")))
 
 
 def test_arrays_of_numpy(tmp_path):
@@ -239,8 +198,7 @@ def test_arrays_of_numpy(tmp_path):
     file = tmp_path / "run.npy"
     np.save(file, np.c_[X, T, U, X, T])
     same(dfc.read_record(file, columns={"t": 1, "u": 2, "x": 0}))
-    fields = np.zeros(N, [("t", float), ("effort", float), ("position", float)])
-    fields["t"], fields["effort"], fields["position"] = T, U, X
+    fields = np.rec.fromarrays([T, U, X], names="t, effort, position")
     for array in (fields, np.c_[T, U, X].T, np.c_[T, U, X]):
         np.save(file, array)
         same(dfc.read_record(file))
@@ -294,21 +252,19 @@ def test_a_number_that_is_missing_is_bridged_and_masked(tmp_path, cell, column, 
 
 
 def test_a_repeated_stamp_is_bridged_and_masked():
-    stamps = T.copy()
-    stamps[170] = stamps[169]
+    stamps = np.where(np.arange(N) == 170, T[169], T)
     with pytest.warns(dfc.RecordWarning, match="1 row with the stamp of the row before"):
         record = dfc.read_record({"t": stamps, "u": U, "x": X}, dt=DT)
     assert len(record) == N and np.flatnonzero(~record.good).tolist() == [170]
-    u = U.copy()
-    u[169] = np.nan  # a row without a number does not make that with its stamp the right one
+    # A row without a number does not make that with its stamp the right one.
+    u = np.where(np.arange(N) == 169, np.nan, U)
     with pytest.warns(dfc.RecordWarning, match="1 row without a number and 1 row with the stamp"):
         record = dfc.read_record({"t": stamps, "u": u, "x": X}, dt=DT)
     assert np.flatnonzero(~record.good).tolist() == [169, 170]
     with pytest.raises(ValueError, match="an even clock in coarse stamps, give rate="):
         dfc.read_record({"t": np.repeat(T[::2], 2), "u": U, "x": X}, dt=DT)
     # Clock time, rounded to 2.4e-7 s, loses no sample.
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         clock = dfc.read_record({"t": 1.7e9 + np.arange(N) / 60.0, "u": U, "x": X}, dt=1 / 60)
     assert len(clock) == N
 
@@ -320,8 +276,7 @@ def test_a_row_that_was_cut_off_is_left_out(tmp_path, name, pack):
         with pytest.warns(dfc.RecordWarning, match=r"row 401, the last, .*cut off, and left out"):
             record = dfc.read_record(write(tmp_path, pack(whole[:-cut]), name))
         assert len(record) == N - 1 and record.x[-1] == X[-2]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         same(dfc.read_record(write(tmp_path, pack(whole[:-1]), name)))  # only the end of the line
 
 
@@ -333,8 +288,7 @@ def test_a_counter_set_to_zero_is_told():
             dfc.RecordWarning, match=r"x\[300\] = .*was the counter set to zero.*record\[:300\]"
         ):
             dfc.Record(T, U, x)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         dfc.Record(T, U, path - path[300])
     # From one end of the range to the other it could as well be an encoder that wraps.
     ramp = np.where(np.arange(N) < 300, T, T - T[300])
@@ -383,8 +337,7 @@ def test_a_gain_beside_a_length_asks_for_the_unit_of_the_product():
     source = {"t": T, "u": U, "x [mm]": X}
     with pytest.warns(dfc.RecordWarning, match="gain 2 alone, not by the 0.001 m per mm as well"):
         assert dfc.read_record(source, gain={"x": 2.0}).x[7] == 2.0 * X[7]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         for gain, unit, factor in ((1e-3, "m", 1e-3), (2.0, "um", 2e-6)):
             record = dfc.read_record(source, gain={"x": gain}, units={"x": unit})
             np.testing.assert_allclose(record.x, factor * X)
@@ -409,25 +362,18 @@ def test_pressure_and_pinion_are_numbers_of_the_machine():
         dfc.Scaling(pinion_radius=20)
 
 
-@pytest.fixture
-def masked():
-    keep = np.ones(N, bool)
-    keep[[70, 150, 151, 250]] = False
-    x = X.copy()
-    x[320] = 0.3
+def test_a_record_comes_back_with_its_mask(tmp_path):
+    keep = np.delete(np.arange(N), [70, 150, 151, 250])
+    x = np.where(np.arange(N) == 320, 0.3, X)
     source = {"t": T[keep], "u [A]": U[keep], "x [counts]": 1e6 * x[keep], "v": V[keep]}
     how = dict(gain={"u": 2.0, "x": 1e-6}, units={"u": "N m", "x": "rad"}, dt=DT, name="a run")
     with pytest.warns(dfc.RecordWarning):
-        return dfc.read_record(source, **how)
-
-
-def test_a_record_comes_back_with_its_mask(masked, tmp_path):
+        masked = dfc.read_record(source, **how)
     assert np.flatnonzero(~masked.good).tolist() == [70, 150, 151, 250, 320]
     masked.save(tmp_path / "run.json")
     masked.to_csv(tmp_path / "run.csv")
     frame = masked.to_pandas()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         for again in (dfc.load_record(tmp_path / "run.json"), dfc.read_record(tmp_path / "run.csv"),
                       dfc.Record.from_frame(frame)):  # fmt: skip
             assert again == masked and again.masked.reasons == masked.masked.reasons
@@ -482,8 +428,7 @@ def test_a_velocity_alone_gives_the_position(tmp_path):
     np.testing.assert_allclose(record.x, np.sin(2.0 * T), atol=1e-4)  # h^2/12 of the trapezoids
     assert dict(record.units) == {"t": "s", "u": "N m", "x": "rad", "v": "rad/s"}
     assert record.quantum is None and any("offset is free" in note for note in record.notes)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         dfc.read_record(path, columns={"x": None})
     keep = np.arange(N) != 200
     with pytest.warns(dfc.RecordWarning, match="1 filled and masked"):

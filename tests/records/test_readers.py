@@ -1,6 +1,7 @@
 """What common programs write, read as it is or refused with its cause."""
 
 import datetime
+import functools
 import gzip
 import io
 import json
@@ -11,6 +12,7 @@ import zlib
 import damage
 import numpy as np
 import pytest
+from made_logs import text, write
 from scipy.io import savemat
 
 import dryfric_control as dfc
@@ -21,16 +23,6 @@ U = np.round(3.0 * np.cos(40 * T), 6)
 X = np.round(0.02 * np.sin(11 * T), 7)
 
 
-def rows(*columns, mark=",", end="\n"):
-    return end.join(mark.join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True)) + end
-
-
-def write(folder, text, name="run.csv"):
-    path = folder / name
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return path
-
-
 def same(record, scale=1.0):
     np.testing.assert_allclose(record.x, X * scale, rtol=1e-8)
     np.testing.assert_allclose(record.u, U, rtol=1e-8, atol=1e-9)
@@ -38,24 +30,22 @@ def same(record, scale=1.0):
 
 
 TEXTS = {
-    "# in a heading": "sample #,t [s],u [N],x [m]\n" + rows(np.arange(N), T, U, X),
-    "heading behind #, comments behind it": "#t,u,x\n# recorded on a Monday\n" + rows(T, U, X),
-    "comma and blanks": "t , u, x\n" + rows(T, U, X, mark=", "),
-    "byte order mark": "\ufefft,u,x\n" + rows(T, U, X),
-    "comments": "# made by hand\n\n# on a Monday\nt,u,x\n" + rows(T, U, X, end="  # ok\n"),
-    "quoted": '"t","u","x"\n"' + rows(T, U, X, mark='","', end='"\n"')[:-1],
-    "trailing delimiter": "t,u,x,\n" + rows(T, U, X, end=",\n"),
-    "trailing delimiter in rows only": "t,u,x\n" + rows(T, U, X, end=",\n"),
-    "other order": "x,t,u\n" + rows(X, T, U),
-    "text in another column": "t,u,x,mode\n" + rows(T, U, X, end=",slip\n"),
-    "sep= of Excel": "sep=;\nt;u;x\n" + rows(T, U, X, mark=";"),
-    "per cent comments": "% made by octave\n% t,u,x\n" + rows(T, U, X),
-    "commented heading of blanks": "# t u x\n" + rows(T, U, X, mark=" "),
-    "trailing tab": "t\tu\tx\t\n" + rows(T, U, X, mark="\t").replace("\n", "\t\n"),
-    "trailing tab, no heading": rows(T, U, X, mark="\t").replace("\n", "\t\n"),
-    "row of units": "Time;Force;Pos\nms;N;mm\n" + rows(1e3 * T, U, 1e3 * X, mark=";"),
-    "preamble": "Oscilloscope DSO-X\nDate: 2026-03-02\nChannels,3\n\nt,u,x\n" + rows(T, U, X),
-    "long preamble": "".join(f"Setting {k}: on\n" for k in range(60)) + "t,u,x\n" + rows(T, U, X),
+    "# in a heading": "sample #,t [s],u [N],x [m]\n" + text(np.arange(N), T, U, X),
+    "heading behind #, comments behind it": "#t,u,x\n# recorded on a Monday\n" + text(T, U, X),
+    "comma and blanks": "t , u, x\n" + text(T, U, X, mark=", "),
+    "byte order mark": "\ufefft,u,x\n" + text(T, U, X),
+    "comments": "# made by hand\n\n# on a Monday\nt,u,x\n" + text(T, U, X, end="  # ok\n"),
+    "quoted": '"t","u","x"\n"' + text(T, U, X, mark='","', end='"\n"')[:-1],
+    "trailing delimiter": "t,u,x,\n" + text(T, U, X, end=",\n"),
+    "trailing delimiter in rows only": "t,u,x\n" + text(T, U, X, end=",\n"),
+    "text in another column": "t,u,x,mode\n" + text(T, U, X, end=",slip\n"),
+    "sep= of Excel": "sep=;\nt;u;x\n" + text(T, U, X, mark=";"),
+    "per cent comments": "% made by octave\n% t,u,x\n" + text(T, U, X),
+    "commented heading of blanks": "# t u x\n" + text(T, U, X, mark=" "),
+    "trailing tab": "t\tu\tx\t\n" + text(T, U, X, mark="\t").replace("\n", "\t\n"),
+    "trailing tab, no heading": text(T, U, X, mark="\t").replace("\n", "\t\n"),
+    "row of units": "Time;Force;Pos\nms;N;mm\n" + text(1e3 * T, U, 1e3 * X, mark=";"),
+    "long preamble": "".join(f"Setting {k}: on\n" for k in range(60)) + "t,u,x\n" + text(T, U, X),
 }  # fmt: skip
 
 
@@ -67,33 +57,33 @@ def test_what_programs_write_is_read(tmp_path, case):
 
 
 @pytest.mark.parametrize(
-    ("text", "note"),
+    ("content", "note"),
     [
-        ("Scope\nDate: 2026\n\nt,u,x\n" + rows(T, U, X), "2 lines above the heading were skipped"),
-        ("a motion\nt,u,x\n" + rows(T, U, X), "1 line above the heading was skipped"),
-        ("t,u,x,temp [C],flag\n" + rows(T, U, X, X, X), "left out: 'temp [C]', 'flag'"),
-        (
-            "t,u,x,target_position,position_demand\n" + rows(T, U, X, X, X),
-            "left out: 'target_position', 'position_demand'",
-        ),
+        ("Oscilloscope DSO-X\nDate: 2026-03-02\nChannels,3\n\nt,u,x\n" + text(T, U, X),
+         "3 lines above the heading were skipped"),
+        ("a motion\nt,u,x\n" + text(T, U, X), "1 line above the heading was skipped"),
+        ("t,u,x,temp [C],flag\n" + text(T, U, X, X, X), "left out: 'temp [C]', 'flag'"),
+        ("t,u,x,target_position,position_demand\n" + text(T, U, X, X, X),
+         "left out: 'target_position', 'position_demand'"),
     ],
-)
-def test_what_is_left_out_is_noted(tmp_path, text, note):
-    record = dfc.read_record(write(tmp_path, text))
+)  # fmt: skip
+def test_what_is_left_out_is_noted(tmp_path, content, note):
+    record = dfc.read_record(write(tmp_path, content))
+    same(record)
     assert record.notes == (note,) and record.reference is None
     with pytest.raises(ValueError, match="row 2 has 2 columns, row 3 has 3"):
-        dfc.read_record(write(tmp_path, "t,u,x\n0.5,1.0\n" + rows(T, U, X)))
+        dfc.read_record(write(tmp_path, "t,u,x\n0.5,1.0\n" + text(T, U, X)))
 
 
 def test_a_source_without_time_takes_a_rate_or_a_step(tmp_path):
-    path = write(tmp_path, "u,x\n" + rows(U, X))
+    path = write(tmp_path, "u,x\n" + text(U, X))
     same(dfc.read_record(path, rate=1000.0))
     same(dfc.read_record(path, dt=1e-3))
-    same(dfc.read_record(write(tmp_path, rows(U, X)), rate=1000.0))
+    same(dfc.read_record(write(tmp_path, text(U, X)), rate=1000.0))
     same(dfc.read_record({"u": U, "x": X}, rate=1000.0))
     with pytest.raises(ValueError, match="or give rate="):
-        dfc.read_record(write(tmp_path, "u,x,y0\n" + rows(U, X, X)))
-    timed = write(tmp_path, "t,u,x\n" + rows(T, U, X), "timed.csv")
+        dfc.read_record(write(tmp_path, "u,x,y0\n" + text(U, X, X)))
+    timed = write(tmp_path, "t,u,x\n" + text(T, U, X), "timed.csv")
     same(dfc.read_record(timed, columns={"t": None}, rate=1000.0))
 
 
@@ -101,28 +91,29 @@ def test_one_channel_per_file(tmp_path):
     files = {name: write(tmp_path, "\n".join(f"{v:.9g}" for v in values), f"{name}.t")
              for name, values in (("t", T), ("u", U), ("x", 1e3 * X))}  # fmt: skip
     same(dfc.read_record(files, units={"x": "mm"}))
-    paired = {name: write(tmp_path, f"% {name}\n" + rows(T, values, mark="\t"), f"{name}2.t")
+    paired = {name: write(tmp_path, f"% {name}\n" + text(T, values, mark="\t"), f"{name}2.t")
               for name, values in (("u", U), ("x", X))}  # fmt: skip
     same(dfc.read_record(paired))
-    headed = write(tmp_path, "pos [mm]\n" + rows(1e3 * X), "x3.t")
+    headed = write(tmp_path, "pos [mm]\n" + text(1e3 * X), "x3.t")
     same(dfc.read_record({**files, "x": headed}))
-    late = write(tmp_path, rows(T + 1e-4, X), "late.t")
+    late = write(tmp_path, text(T + 1e-4, X), "late.t")
     with pytest.raises(ValueError, match="have other time stamps"):
         dfc.read_record({"u": paired["u"], "x": late})
     with pytest.raises(ValueError, match="has 3 numbers; a file of one channel"):
-        dfc.read_record({"t": T, "u": U, "x": write(tmp_path, rows(T, U, X), "three.t")})
+        dfc.read_record({"t": T, "u": U, "x": write(tmp_path, text(T, U, X), "three.t")})
 
 
 def test_gzip(tmp_path):
-    text = ("t,u,x\n" + rows(T, U, X)).encode()
-    record = dfc.read_record(write(tmp_path, gzip.compress(text), "run.csv.gz"))
+    content = text(T, U, X, heading="t,u,x").encode()
+    packed = gzip.compress(content)
+    record = dfc.read_record(write(tmp_path, packed, "run.csv.gz"))
     same(record)
     assert record.name == "run"
-    for damaged in (text, gzip.compress(text)[:-200], gzip.compress(text)[:300] + b"\xff" * 300):
+    for damaged in (content, packed[:-200], packed[:300] + b"\xff" * 300):
         with pytest.raises(ValueError, match="damaged or not compressed by gzip"):
             dfc.read_record(write(tmp_path, damaged, "run.csv.gz"))
     with pytest.raises(ValueError, match="only text such as run.csv.gz"):
-        dfc.read_record(write(tmp_path, gzip.compress(text), "run.mat.gz"))
+        dfc.read_record(write(tmp_path, packed, "run.mat.gz"))
 
 
 COUNTS = 2**62 + np.round(1e4 * np.sin(11 * T)).astype(np.int64)
@@ -210,28 +201,25 @@ def test_a_mat_bomb_is_refused_by_what_it_claims(tmp_path):
     same(dfc.read_record(tmp_path / "run.mat"))
 
 
-def test_spreadsheets_and_parquet(tmp_path):
+@pytest.mark.parametrize(("kind", "library"), [("xlsx", "openpyxl"), ("parquet", "pyarrow")])
+def test_spreadsheets_and_parquet(tmp_path, kind, library):
+    pytest.importorskip(library)
     frame = PD.DataFrame({"t [ms]": 1e3 * T, "u": U, "x": X, "step": 1})
-    for name, module, save in (
-        ("run.xlsx", "openpyxl", frame.to_excel),
-        ("run.parquet", "pyarrow", frame.to_parquet),
-    ):
-        pytest.importorskip(module)
-        save(tmp_path / name, index=False)
-        record = dfc.read_record(tmp_path / name)
-        same(record)
-        assert record.notes[0] == "left out: 'step'"
-        with pytest.raises(ValueError, match="is damaged or no"):
-            dfc.read_record(write(tmp_path, (tmp_path / name).read_bytes()[:-300], name))
+    path = tmp_path / f"run.{kind}"
+    (frame.to_excel if kind == "xlsx" else frame.to_parquet)(path, index=False)
+    record = dfc.read_record(path)
+    same(record)
+    assert record.notes[0] == "left out: 'step'"
+    with pytest.raises(ValueError, match="is damaged or no"):
+        dfc.read_record(write(tmp_path, path.read_bytes()[:-300], path.name))
 
 
 def test_a_missing_library_is_named(tmp_path, monkeypatch):
     for name, library in (("a.parquet", "pandas"), ("a.mcap", "mcap")):
         for module in (library, f"{library}.reader"):  # the latter may be loaded already
             monkeypatch.setitem(sys.modules, module, None)
-        with pytest.raises(
-            ImportError, match=rf"reading \.{name[2:]} needs {library}.*pip install"
-        ):
+        words = rf"reading \.{name[2:]} needs {library}.*pip install"
+        with pytest.raises(ImportError, match=words):
             dfc.read_record(write(tmp_path, "x", name))
 
 
@@ -240,37 +228,28 @@ def mcap_log(messages):
     file = io.BytesIO()
     writer = writer_of(file)
     writer.start()
-    channels = {}
+    channel = functools.cache(lambda topic: writer.register_channel(topic, "json", 0))
     for topic, stamp, content in messages:
-        if topic not in channels:
-            channels[topic] = writer.register_channel(topic, "json", 0)
         data = json.dumps(content).encode()
-        writer.add_message(channels[topic], log_time=stamp, publish_time=stamp, data=data)
+        writer.add_message(channel(topic), log_time=stamp, publish_time=stamp, data=data)
     writer.finish()
     return file.getvalue()
 
 
 def test_mcap_of_one_topic(tmp_path):
-    axis = zip(X.tolist(), U.tolist(), strict=True)
-    log = mcap_log(
-        ("/axis", 10**18 + 10**6 * k, {"position": x, "effort": u, "mode": "on"})
-        for k, (x, u) in enumerate(axis)
-    )
+    log = mcap_log(("/axis", 10**18 + 10**6 * k, {"position": X[k], "effort": U[k], "mode": "on"})
+                   for k in range(N))  # fmt: skip
     same(dfc.read_record(write(tmp_path, log, "run.mcap")))
     with pytest.raises(ValueError, match="damaged or no MCAP"):
         dfc.read_record(write(tmp_path, log[:500], "run.mcap"))
 
 
 def test_stamps_in_headers_go_before_those_of_the_log(tmp_path):
-    rng = np.random.default_rng(0)
     log = mcap_log(
-        (
-            "/joint_states",
-            10**18 + 10**6 * k + int(rng.integers(10**7)),  # as the logger got to it
-            {"header": {"stamp": {"sec": 100, "nanosec": 10**6 * k}}, "name": ["a", "b"],
-             "position": [0.0, float(X[k])], "effort": [0.0, float(U[k])]},
-        )
-        for k in range(N)
+        ("/joint_states", 10**18 + 10**6 * k + int(late),  # as the logger got to it
+         {"header": {"stamp": {"sec": 100, "nanosec": 10**6 * k}}, "name": ["a", "b"],
+          "position": [0.0, X[k]], "effort": [0.0, U[k]]})
+        for k, late in enumerate(np.random.default_rng(0).integers(10**7, size=N))
     )  # fmt: skip
     same(dfc.read_record(write(tmp_path, log, "run.mcap"), joint="b"))
 
@@ -280,8 +259,8 @@ def test_mcap_of_two_topics_is_brought_onto_the_position(tmp_path):
         entry
         for k in range(N)
         for entry in (
-            ("/drive", 10**6 * k, {"cmd": {"force": [float(U[k]), 0.0]}}),
-            ("/encoder", 10**6 * k + 1000, {"x": float(X[k])}),
+            ("/drive", 10**6 * k, {"cmd": {"force": [U[k], 0.0]}}),
+            ("/encoder", 10**6 * k + 1000, {"x": X[k]}),
         )
     )
     columns = {"u": "/drive.cmd.force.0", "x": "/encoder.x"}
@@ -304,8 +283,8 @@ def test_mcap_of_ros_2(tmp_path):
 
 def test_known_channels_are_kept_and_cut_with_the_rest(tmp_path):
     v, a = np.gradient(X, 1e-3), np.gradient(np.gradient(X, 1e-3), 1e-3)
-    text = "t,u,pos [mm],velocity [mm/s],acc,load_position\n" + rows(T, U, 1e3 * X, 1e3 * v, a, X)
-    record = dfc.read_record(write(tmp_path, text))
+    heading = "t,u,pos [mm],velocity [mm/s],acc,load_position"
+    record = dfc.read_record(write(tmp_path, text(T, U, 1e3 * X, 1e3 * v, a, X, heading=heading)))
     assert list(record.channels) == ["v", "a", "x2"] and record.units["v"] == "m/s"
     np.testing.assert_allclose(record.channels["v"], v, rtol=1e-8)
     assert not record.channels["v"].flags.writeable
@@ -320,6 +299,5 @@ def test_a_delay_of_a_channel_is_measured():
     record = dfc.Record(T, U, np.sin(30 * T), channels={"v": 2.0 * late + 1.0})
     found = record.compare("v")
     assert found.delay == pytest.approx(5e-3, abs=1e-3)
-    assert found.gain == pytest.approx(2.0, rel=0.02) and found.offset == pytest.approx(
-        1.0, rel=0.1
-    )
+    assert found.gain == pytest.approx(2.0, rel=0.02)
+    assert found.offset == pytest.approx(1.0, rel=0.1)

@@ -6,8 +6,6 @@ number or word, say the mend, and come before any work is done.  Suspicious inpu
 used is in a table of its own: it brings a warning that says the same.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import functools
@@ -51,8 +49,7 @@ RECORD = dfc.Record(T, U, X, 1.1 * X, channels={"v": np.gradient(X, DT)})
 CONTROLLER = dfc.PositionController(kp=400.0, ki=0.0, kd=40.0, dt=DT)
 SLOWER = dataclasses.replace(CONTROLLER, dt=2e-3)
 DESIGN = dfc.design_pi_observer(AXIS, DT, encoder_quantum=1e-6)
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", dfc.FitWarning)
+with warnings.catch_warnings(action="ignore", category=dfc.FitWarning):
     FIT = dfc.fit(AXIS, RECORD, free=("coulomb",), starts=1)
 PLAN = Experiment(
     name="change_of_bench", title="a change of the bench", description="turn it", score={}, tried={},
@@ -94,11 +91,8 @@ for _name in ("ObserverStepper", "observed_loop", "simulate_observed_loop"):
 
 # Names that take nothing from a user: errors and warnings, and objects that the package makes,
 # whose methods take no argument or are in the table under the name of the function.
-NOTHING_TO_SPOIL = set(
-    "__version__ CertificateError Compensation MotionProfile FitWarning Inner RecordWarning".split()
-)
-
-
+NOTHING_TO_SPOIL = {"__version__", "CertificateError", "Compensation", "MotionProfile", "Inner"}
+NOTHING_TO_SPOIL |= {"FitWarning", "RecordWarning"}
 # Made by the package: the table spoils the arguments of their methods.
 GIVEN = {"SimulationResponse", "Events", "Diagnosis", "Fit", "Experiment", "ObserverDesign", "Law"}
 
@@ -118,17 +112,12 @@ USUAL: dict[str, Any] = {
 }
 #: Further arguments of a sound call.
 FURTHER: dict[str, dict[str, Any]] = {
-    "FrictionAxis.mode_ss": dict(dt=DT),
-    "AxisStepper.step": dict(u=0.0),
-    "observe": dict(u=U, y=X),
-    "ObserverStepper.step": dict(u=0.0, y=0.0),
+    **{name: dict(progress=False) for name in ("diagnose_batch", "diagnose_joints", "run_batch")},
     "monte_carlo": dict(quantum=1e-6, stribeck_speed=0.01, runs=2, progress=False),
-    "export_fmu": dict(path="axis.fmu"),
+    "FrictionAxis.mode_ss": dict(dt=DT), "AxisStepper.step": dict(u=0.0), "observe": dict(u=U, y=X),
+    "ObserverStepper.step": dict(u=0.0, y=0.0), "export_fmu": dict(path="axis.fmu"),
     "to_isaac": dict(load=0.0),
-    "diagnose_batch": dict(progress=False),
-    "diagnose_joints": dict(progress=False),
-    "run_batch": dict(progress=False),
-}
+}  # fmt: skip
 CALLS: dict[str, Callable[..., Any]] = {
     **{n: one for n, one in PUBLIC.items() if n not in NOTHING_TO_SPOIL | GIVEN and callable(one)},
     **{
@@ -138,11 +127,8 @@ CALLS: dict[str, Callable[..., Any]] = {
             (AxisStepper(AXIS, DT), "step"),
             (dfc.CoulombMap(8.0), "__call__ scaled"),
             (CONTROLLER, "from_bandwidth memory"),
-            (
-                RECORD,
-                "from_irregular split_at_gaps from_frame window split blocks decimated resampled save",
-            ),
-            (RECORD, "commanded derivatives to_csv plot read compare"),
+            (RECORD, "from_irregular split_at_gaps from_frame window split blocks decimated"),
+            (RECORD, "resampled save commanded derivatives to_csv plot read compare"),
             (dfc.Scaling(), "of from_dict from_file"),
             (DESIGN, "mode_matrices error_dynamics save load"),
             (dfc.observer.ObserverStepper(DESIGN), "step"),
@@ -189,14 +175,8 @@ class Case:
     kind: type[Exception] = ValueError
 
     def __str__(self) -> str:
-        shown = ",".join(f"{k}={_short(v)}" for k, v in self.spoil.items())
+        shown = ",".join(f"{key}={value!r:.30}" for key, value in self.spoil.items())
         return f"{self.name}({shown or self.mend})"
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, np.ndarray):
-        return f"array{value.shape}"
-    return re.sub(r"[^-\w.+*(), ]", "", repr(value))[:30]
 
 
 CASES: list[Case] = []
@@ -205,7 +185,7 @@ CASES: list[Case] = []
 class Each(tuple[Any, ...]):
     """Values of an argument that are refused alike."""
 
-    def __new__(cls, *values: Any) -> Each:
+    def __new__(cls, *values: Any) -> "Each":
         return super().__new__(cls, values)
 
 
@@ -239,13 +219,11 @@ def reading(name: str, file: str, content: Any) -> Callable[..., Any]:
             path.write_bytes(content if isinstance(content, bytes) else content.encode())
         return SOUND[name][0](path, **options)
 
-    read.needs_folder = True  # type: ignore[attr-defined]
     return read
 
 
 def columns(*arrays: Any, heading: str = "t,u,x") -> str:
-    rows = zip(*(np.asarray(a).tolist() for a in arrays), strict=True)
-    return "\n".join([heading, *(",".join(map(str, row)) for row in rows)]) + "\n"
+    return "\n".join([heading, *(",".join(map(str, row)) for row in zip(*arrays, strict=True))])
 
 
 NUMBER = "must be a (finite )?number|must be finite|not finite"
@@ -256,26 +234,21 @@ POSITIVE, NOT_NEGATIVE = "more than zero|positive", "zero or more|more than zero
 _FEW = Each(-1.0, 0.0)
 _NUMBERS = Each(NAN, INF, "1 m", True)
 rows(
-    ("CoulombMap", dict(plus=_NUMBERS), NUMBER),
-    ("CoulombMap", dict(minus=_NUMBERS), NUMBER),
-    ("motion_profile", dict(points=_NUMBERS), NUMBER),
+    ("CoulombMap", dict(plus=_NUMBERS), NUMBER), ("CoulombMap", dict(minus=_NUMBERS), NUMBER),
+    ("motion_profile", dict(points=_NUMBERS), NUMBER), ("to_isaac", dict(load=_NUMBERS), NUMBER),
     ("read_record Scaling.of", dict(gain=_NUMBERS), NUMBER),
     ("design_pi_observer", dict(uncertainty=_NUMBERS), NUMBER),
-    ("to_isaac", dict(load=_NUMBERS), NUMBER),
-    ("Stribeck Tanh", dict(speed=_FEW), POSITIVE),
-    ("Dahl LuGre", dict(stiffness=_FEW), POSITIVE),
-    ("Record", dict(unwrap=_FEW), POSITIVE),
-    ("Record.from_irregular", dict(max_gap=_FEW), POSITIVE),
-)
+    ("Stribeck Tanh", dict(speed=_FEW), POSITIVE), ("Dahl LuGre", dict(stiffness=_FEW), POSITIVE),
+    ("Record", dict(unwrap=_FEW), POSITIVE), ("Record.from_irregular", dict(max_gap=_FEW), POSITIVE),
+)  # fmt: skip
 
 # -------------------------------------------------------------------- axis
 LATE = AXIS.replace(effects=fx.InputDelay(5e-3))
 rows(
     ("FrictionAxis", dict(mass=5e-324), "unit"),
-    ("FrictionAxis", dict(coulomb=-8.0), "magnitude"),
+    ("FrictionAxis design_pi_observer", dict(coulomb=-8.0), "magnitude"),
     ("FrictionAxis", dict(coulomb=NAN), "finite", "plus"),
-    ("FrictionAxis", dict(coulomb=Each(None, True, (1.0, 2.0, 3.0))), "level"),
-    ("FrictionAxis", dict(coulomb=()), "pair"),
+    ("FrictionAxis", dict(coulomb=Each(None, True, (), (1.0, 2.0, 3.0))), "a level, a pair"),
     ("FrictionAxis", dict(coulomb=(8.0, NAN)), "finite", "minus"),
     ("FrictionAxis", dict(coulomb=(1.0, -1.0)), "magnitude", "minus"),
     ("FrictionAxis", dict(coulomb=dfc.CoulombMap([1.0, 2.0]), travel=None), "give travel"),
@@ -336,6 +309,7 @@ rows(
 )
 
 # ---------------------------------------------------------- loops and blocks
+_EXCHANGED = dict(dt=1e-6, encoder_quantum=DT)
 rows(
     ("PositionController", dict(span=Each(0, 9, 2.5, "2", True)), "1 to 8"),
     ("PositionController.from_bandwidth position_controller", dict(bandwidth=500.0), "below 0.2"),
@@ -346,11 +320,7 @@ rows(
     ("reference_filter", dict(bandwidth=4000.0), "lower it"),
     ("reference_filter", dict(order=Each(0, 2.5, "two", [2])), "1 to 8"),
     ("encoder", dict(quantum=DT, dt=1e-6), "give both by name", "quantum = 0.001 and dt = 1e-06"),
-    (
-        "hybrid_filter design_compensation",
-        dict(dt=1e-6, encoder_quantum=DT),
-        "encoder_quantum=1e-06",
-    ),
+    ("hybrid_filter design_compensation", _EXCHANGED, "encoder_quantum=1e-06"),
     ("reference_filter", dict(bandwidth=DT, dt=20.0), "bandwidth=20, dt=0.001"),
     ("position_controller", dict(bandwidth=DT, dt=5.0), "bandwidth=5, dt=0.001"),
     ("plot_state_machine", dict(ax=[1, 2]), "1 axes"),
@@ -366,7 +336,6 @@ rows(
     ("parameter", dict(bounds=Each((1.0, 0.0), (NAN, 1.0))), "low to high"),
     ("parameter", dict(bounds=3.0), r"\(low, high\)"),
     ("parameter", dict(bounds=(0.0, 1.0), default=2.0), "bounds", "default"),
-    ("parameter", dict(kind="length"), "one of amount"),
     ("Effect", dict(stiffness=None), NUMBER, "spring.stiffness"),
     ("EndStop", dict(low=0.2, high=0.1, stiffness=1e3), "exchange them", "end_stop.low"),
     ("register_effect", dict(slug=Each("", "a b", 3)), "lower-case word"),
@@ -389,10 +358,8 @@ for _cls in REGISTRY.values():
             if math.isfinite(_end):
                 _out = math.nextafter(_end, _beyond)
                 rows((_cls.__name__, {_name: _out}, "must lie between", _says))
-
 # ------------------------------------------------------------------ records
-KEPT = np.ones(N, bool)
-KEPT[700:720] = False  # 20 samples dropped
+KEPT = np.delete(np.arange(N), range(700, 720))  # 20 samples dropped
 rows(
     ("Record", dict(reference=X[:9]), "one length"),
     ("Record", dict(good=[True, False]), "one for each reading", "good"),
@@ -401,8 +368,8 @@ rows(
     ("Record", dict(units={"x": "MM"}), "Did you mean 'mm'", "'MM' of x"),
     ("Record", dict(units={"x": "N"}), "check the columns", "x cannot be in 'N'"),
     ("Record", dict(u=U > 0), "astype", "u holds true and false"),
-    ("Record", dict(t=T[::-1]), "sort the samples", "t goes back"),
-    ("Record", dict(x=X[:5]), "one length", "x has 5 samples"),
+    ("Record", dict(t=T[::-1]), "sort the samples", "t goes back 1999 times"),
+    ("Record", dict(x=X[:5]), "one length", "x has 5 samples but t has 2000"),
     ("Record", dict(quantum=1e50), "in the unit of x", "quantum"),
     ("Record", dict(unwrap=1e-9), "period of the encoder", "unwrap"),
     ("Record", dict(channels={"w": X}), "known are v, a, x2", "channels"),
@@ -411,8 +378,7 @@ rows(
     ("Record", dict(raw={"x": ("counts", NAN)}), "finite", "raw"),
     ("Record", dict(notes="filtered"), "sequence"),
     ("Record.from_irregular", dict(t=T[::-1]), "sort the samples"),
-    ("Record.from_irregular", dict(dt=1e-12), "samples"),
-    ("Record.from_irregular", dict(dt=10.0), "it takes"),
+    ("Record.from_irregular", dict(dt=Each(1e-12, 10.0)), "samples of 1.999 s; it takes"),
     ("Record.from_irregular", dict(t=T[KEPT], u=U[KEPT], x=X[KEPT]), "max_gap=", "gap"),
     ("Record.from_irregular", dict(x=np.full(N, np.nan)), "remove"),
     ("Record.from_irregular", dict(x=np.where(T < 1.0, np.nan, X)), "too many", "rows"),
@@ -423,11 +389,10 @@ rows(
     ("Record.from_frame", dict(frame=Each([1, 2], X)), "data frame"),
     ("Record.window", dict(t0=1.0, t1=0.5), "record runs from", "window"),
     ("Record.window", dict(t0=Each(NAN, 90.0)), "record runs from", "window"),
-    ("Record.split", dict(parts=0), "parts"),
+    ("Record.split", dict(parts=Each(0, 5000)), "parts of 2 or more"),
     ("Record.split", dict(parts=Each(1.5, [0.5, 0.6], NAN)), "positive with sum 1", "fractions"),
     ("Record.split", dict(parts=True), "fraction", "split"),
     ("Record.split", dict(parts="half"), "convert it", "fractions"),
-    ("Record.split", dict(parts=5000), "2 or more"),
     ("Record.split", dict(parts=[0.9999, 0.0001]), "at least 2", "holds"),
     ("Record.split", dict(parts=[]), "empty", "fractions"),
     ("Record.blocks", dict(seconds=1e-3), "fewer than 2", "0.001"),
@@ -436,8 +401,7 @@ rows(
     ("Record.resampled", dict(dt=5.0), "it takes"),
     ("Record.commanded", dict(gain=0.0), "more than zero|positive"),
     ("Record.derivatives", dict(window=Each(4, 5.0, True)), "odd"),
-    ("Record.derivatives", dict(window=3), "at least 5"),
-    ("Record.derivatives", dict(window=9999), "at most"),
+    ("Record.derivatives", dict(window=Each(3, 9999)), "at least 5 and at most"),
     ("Record.read", dict(positions=X[:5]), "give one each", "positions"),
     ("Record.read", dict(positions=nan_at(X)), "remove these samples", "positions"),
     ("Record.compare", dict(name="w"), "it has v", "'w'"),
@@ -502,11 +466,8 @@ files(
     ("words.mat", {"t": "abc"}, "words.mat", "no numeric variable"),
     ("table.mat", {"t": T, "u": np.zeros((50, 40, 2)), "x": X}, "u", "1-D"),
 )
-
-
 files(
     "read_bam",
-    ("empty.log", "", "empty.log", "empty"),
     ("torn.log", damage.bam_log()[:-40], "torn.log", "JSON"),
     ("none.log", '{"entries": []}', "none.log", "entries"),
     ("bare.log", '{"entries": [1]}', "entry 0", "not a number"),
@@ -514,6 +475,7 @@ files(
 )
 files("datasets.emps", ("emps.csv", columns(T, U, X), "not the EMPS record", "read_record"))
 TOML = "mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n"
+HIDDEN = TOML + "[[effects]]\n"
 files(
     "read_axis",
     ("empty.toml", "", "empty.toml", "is empty"),
@@ -530,36 +492,25 @@ files(
     ("stribeck.toml", TOML + "stribeck = 3.0", "stribeck", "a table such as"),
     ("sped.toml", TOML + "[stribeck]\nexcess = 0.3\nsped = 0.1", "stribeck.sped", "'speed'"),
     ("peak.toml", TOML + "[stribeck]\nexcess = 0.3", "stribeck.speed", "add speed"),
-    ("who.toml", TOML + "[[effects]]\nstiffness = 1.0", r"effects\[0\]", "name the effect"),
-    ("other.toml", TOML + '[[effects]]\neffect = "sprng"', "sprng", "spring"),
-    ("lack.toml", TOML + '[[effects]]\neffect = "spring"', "stiffness", "add stiffness"),
-    (
-        "more.toml",
-        TOML + '[[effects]]\neffect = "bias_force"\nforce = 1\nmass = 2',
-        "mass",
-        "known",
-    ),
-    ("bound.toml", TOML + '[[effects]]\neffect = "input_delay"\ndelay = -1.0', "delay", "between"),
+    ("who.toml", HIDDEN + "stiffness = 1.0", r"effects\[0\]", "name the effect"),
+    ("other.toml", HIDDEN + 'effect = "sprng"', "sprng", "spring"),
+    ("lack.toml", HIDDEN + 'effect = "spring"', "stiffness", "add stiffness"),
+    ("more.toml", HIDDEN + 'effect = "bias_force"\nforce = 1\nmass = 2', "mass", "known"),
+    ("bound.toml", HIDDEN + 'effect = "input_delay"\ndelay = -1.0', "delay", "between"),
     ("flat.toml", TOML + "effects = 3", "effects", r"\[\[effects\]\]"),
 )
 for _names, _file in (
-    ("read_axis Scaling.from_file", "axis.toml"),
-    ("read_bam", "log.json"),
-    ("ObserverDesign.load", "observer.json"),
-    ("Fit.load", "fit.json"),
-    ("load_record", "record.json"),
-    ("Diagnosis.load", "diagnosis.json"),
-    ("load_compensation", "compensation.json"),
-    ("datasets.emps", "DATA_EMPS.mat"),
-):
+    ("read_axis Scaling.from_file", "axis.toml"), ("datasets.emps", "DATA_EMPS.mat"),
+    ("read_bam ObserverDesign.load Fit.load", "a.json"),
+    ("load_record Diagnosis.load load_compensation", "b.json"),
+):  # fmt: skip
     rows((_names, dict(path=f"/nowhere/{_file}"), "no file", _file, FileNotFoundError))
 rows(
     ("read_record", dict(source="/nowhere/run.csv"), "no file", "run.csv", FileNotFoundError),
     ("read_record", dict(source="a\0b.csv"), "no file", "a", FileNotFoundError),
     ("read_record", dict(source="/"), "give one file in it", "directory", IsADirectoryError),
     ("read_record", dict(source=Each(3, None, [T, U, X])), "path, a data frame"),
-    ("write_axis", {}, "axis.toml", "nowhere", FileNotFoundError),
-    ("ObserverDesign.save", {}, "axis.toml", "nowhere", FileNotFoundError),
+    ("write_axis ObserverDesign.save", {}, "axis.toml", "nowhere", FileNotFoundError),
     ("Record.to_csv", dict(path="/nowhere/run.csv"), "make it", "/nowhere", FileNotFoundError),
 )
 
@@ -581,7 +532,6 @@ rows(
     ("design_pi_observer", dict(pairs=[(0, 3)]), "modes 0, 1, -1"),
     ("design_pi_observer", dict(pairs=3), "changes of mode"),
     ("design_pi_observer", dict(coulomb="8"), "level"),
-    ("design_pi_observer", dict(coulomb=-8.0), "magnitude"),
     ("design_pi_observer", dict(integral_modes=(0, 2)), r"must be 0 \(stuck\), \+1 or -1", "mode"),
     ("design_pi_observer", dict(integral_modes=3), "modes"),
     ("design_pi_observer", dict(integral_modes=(0,)), "integral_modes", "detectable"),
@@ -594,7 +544,6 @@ rows(
     ("design_compensation", dict(gains=(1e9, 1.0, 1.0)), "lower", "unstable"),
     ("design_compensation", dict(limit=5.0), "breakaway friction force"),
     ("design_compensation", dict(mismatch=1.0), "below 1"),
-    ("design_compensation", dict(noise=-0.1, gains=(1.0, 1.0, 1.0)), POSITIVE),
     ("observe", dict(u=[0.0]), "one of each", "u"),
     ("observed_loop simulate_observed_loop", dict(bandwidth=9000.0), "lower it"),
     ("observed_loop simulate_observed_loop monte_carlo", dict(controller=SLOWER), "one sampling"),
@@ -630,7 +579,6 @@ def into(function: Callable[..., Any], file: str, text: str, **sound: Any) -> Ca
         (folder / file).write_text(text)
         return function(**({"result": AXIS, "model": folder / file} | sound | spoil))
 
-    write.needs_folder = True  # type: ignore[attr-defined]
     return write
 
 
@@ -686,6 +634,7 @@ rows(
 
 # ----------------------------------- batches, identification and diagnosis
 _JOINT, _BASE = r"joints\['elbow'\]", "choose from mass"
+_LIMITS = functools.partial(Limits, travel=(0.0, 1.0), drive=1.0, speed=1.0)
 rows(
     ("run_batch", dict(function=3), "callable"),
     ("run_batch", dict(cases=[1.0]), r"dict\(enumerate"),
@@ -694,8 +643,7 @@ rows(
     ("run_batch", dict(store="nowhere/a.jsonl"), "make it first"),
     ("diagnose_batch", dict(records=3), "mapping of names"),
     ("diagnose_batch", dict(records=[X]), "read_record", r"records\[0\]"),
-    ("diagnose_joints", dict(joints=3), "mapping of names"),
-    ("diagnose_joints", dict(joints={}), "not empty"),
+    ("diagnose_joints", dict(joints=Each(3, {})), "mapping of names .*not empty"),
     ("diagnose_joints", dict(joints={"elbow": AXIS}), r"\(axis, records\)", _JOINT),
     ("diagnose_joints", dict(joints={"elbow": ("z", RECORD)}), "FrictionAxis", _JOINT + r"\[0\]"),
     ("diagnose_joints", dict(joints={"elbow": (AXIS, X)}), "read_record", _JOINT + r"\[1\]"),
@@ -721,8 +669,7 @@ rows(
     ("replay_loop slow_ramp_experiment", dict(controller=SLOWER), "agree"),
     ("identify_coulomb", dict(degree=Each(-1, 99, 1.5, "one")), "whole number from 0"),
     ("slow_ramp_experiment", dict(axis=AXIS.replace(travel=None)), "give travel", "travel"),
-    ("slow_ramp_experiment", dict(duration=2e-3), "longer|samples"),
-    ("slow_ramp_experiment", dict(duration=1e12), "samples"),
+    ("slow_ramp_experiment", dict(duration=Each(2e-3, 1e12)), "samples"),
     ("diagnose", dict(window=0.5), "shorter window"),
     ("diagnose", dict(record=[]), "at least one", "list of records"),
     ("diagnose", dict(on_update=True), "function of a step"),
@@ -731,34 +678,21 @@ rows(
     ("next_experiment", dict(names=Each(["a"], ["a", "a"])), "2 different names"),
     ("next_experiment", dict(names=Each(3, ["a", 3])), "names"),
     ("next_experiment", dict(limits=3), "Limits"),
+    ("next_experiment", dict(travel=(1.0, 0.0)), "low to high", "limits.travel", _LIMITS),
+    ("next_experiment", dict(travel=3.0), "low, high", "limits.travel", _LIMITS),
+    ("next_experiment", dict(drive=0.0), "more than zero", "limits.drive", _LIMITS),
+    ("next_experiment", dict(speed=NAN), "finite", "limits.speed", _LIMITS),
     ("Experiment.to_csv", {}, "read its description", "no reference"),
 )
-for _limit, _mend in (
-    (dict(travel=(1.0, 0.0)), "low to high"),
-    (dict(travel=3.0), "low, high"),
-    (dict(drive=0.0), "more than zero"),
-    (dict(speed=NAN), "finite"),
-):
-    _given = dict(travel=(0.0, 1.0), drive=1.0, speed=1.0) | _limit
-    _call = functools.partial(Limits, **_given)  # type: ignore[arg-type]
-    rows(("next_experiment", {}, _mend, f"limits.{next(iter(_limit))}", _call))
-
 
 # ---------------------------------------- arguments that mean the same everywhere
-SAMPLES = (
-    ([], "at least one sample"),
-    ([[0.0, 1.0]], r"shape \(n,\)"),
-    (nan_at(U), "index 7"),
-    ("012", "array of numbers"),
-)
+SAMPLES = (([], "at least one sample"), ([[0.0, 1.0]], r"shape \(n,\)"), (nan_at(U), "index 7"),
+           ("012", "array of numbers"))  # fmt: skip
 #: By the name of an argument.
 EVERYWHERE: dict[str, tuple[tuple[Any, str], ...]] = {
-    "reference": SAMPLES,
-    "seed": ((-1, "seed"),),
-    "starts": ((0, "at least 1"),),
+    "reference": SAMPLES, "seed": ((-1, "seed"),), "starts": ((0, "at least 1"),),
     "jobs": ((0, "whole number"), (True, "whole number")),
-    "store": ((".", "name a file in it"),),
-    "known": ((("weight",), "choose from"),),
+    "store": ((".", "name a file in it"),), "known": ((("weight",), "choose from"),),
     "level": ((0.0, "between 0 and 1"), (90.0, "between 0 and 1")),
     "travel": ((0.3, r"\(low, high\)"), ((0.3, 0.0), "low to high"), ((0.0, NAN), "finite")),
     "limit": ((NAN, "number"), ("5 N", "number"), (-1.0, POSITIVE), (0.0, POSITIVE)),
@@ -786,25 +720,14 @@ _WHOLE, _CHOICE = r"whole number|odd number|\+1( or|,)", "text|one of|must be .*
 #: By the start of its annotation.
 TYPED: dict[str, tuple[tuple[Any, str], ...]] = {
     "float": tuple((bad, NUMBER) for bad in (NAN, INF, "1 m", True)),
-    "int": ((1.5, _WHOLE), ("two", _WHOLE)),
-    "str": ((3, _CHOICE),),
-    "str | os.PathLike": ((3, "path|file name"),),
-    "bool": ((1, "True or False"),),
-    "Mapping[str": ((3, "mapping|map "),),
-    "Sequence[str]": ((3, "names|text"),),
+    "int": ((1.5, _WHOLE), ("two", _WHOLE)), "bool": ((1, "True or False"),),
+    "str": ((3, _CHOICE),), "str | os.PathLike": ((3, "path|file name"),),
+    "Mapping[str": ((3, "mapping|map "),), "Sequence[str]": ((3, "names|text"),),
     "FrictionAxis": (("z", "FrictionAxis"), (2.0, "FrictionAxis")),
-    "LoopController": ((400.0, "PositionController"),),
-    "PositionController": ((400.0, "PositionController"),),
+    **dict.fromkeys(("LoopController", "PositionController"), ((400.0, "PositionController"),)),
     "ObserverDesign": ((AXIS, "design_pi_observer"), (3, "design_pi_observer")),
     "Record": ((X, "Record"), (3, "Record")),
-}
-
-
-def parameters(name: str) -> Iterator[tuple[str, str]]:
-    """Arguments of a public function, class or method, and how they are annotated."""
-    for parameter in inspect.signature(SOUND[name][0]).parameters.values():
-        if parameter.kind is not parameter.VAR_KEYWORD:
-            yield parameter.name, str(parameter.annotation)
+}  # fmt: skip
 
 
 def typed(annotation: str) -> tuple[tuple[Any, str], ...]:
@@ -826,8 +749,11 @@ UNTYPED = set(
     "progress limit source Law.tolerance read_bam.dt Record.window.t0 Record.window.t1 "
     "read_record.max_gap Record.from_frame.columns".split()
 ) | {f"to_{model}.{name}" for model in ("mjcf", "urdf", "modelica") for name in ("joint", "out")}
-for _name in SOUND:
-    for _argument, _annotation in parameters(_name):
+for _name, (_call, _) in SOUND.items():
+    for _argument, _about in inspect.signature(_call).parameters.items():
+        if _about.kind is _about.VAR_KEYWORD:
+            continue
+        _annotation = str(_about.annotation)
         if _name not in OTHERWISE:
             _signed = SIGNED.get(_argument, ()) if _annotation.startswith("float") else ()
             _table = (*_signed, *EVERYWHERE.get(_argument, ()))
@@ -856,14 +782,10 @@ def no_work(patch: pytest.MonkeyPatch) -> Iterator[None]:
 
     with patch.context() as here:
         for room, name in (
-            (axis_step, "run"),
-            (axis_step, "step"),
-            (loops.kernel, "run_loop"),
-            (windows, "free_runs"),
-            (runtime.kernel, "run"),
-            (synthesis, "certified_solution"),
+            (axis_step, "run"), (axis_step, "step"), (loops.kernel, "run_loop"),
+            (windows, "free_runs"), (runtime.kernel, "run"), (synthesis, "certified_solution"),
             (joblib.Parallel, "__call__"),
-        ):
+        ):  # fmt: skip
             here.setattr(room, name, refuse)
         yield
 
@@ -888,7 +810,7 @@ def test_error_names_argument_value_and_mend(case, folder, monkeypatch):
     arguments = sound | case.spoil
     if case.call is not None:
         call, arguments = case.call, dict(case.spoil)
-        if hasattr(call, "needs_folder"):
+        if "folder" in inspect.signature(call).parameters:
             arguments["folder"] = folder
     monkeypatch.chdir(folder)
     before = sorted(folder.iterdir())
@@ -921,55 +843,40 @@ def test_sound_calls_are_sound():
 def test_every_public_name_is_in_the_table():
     names = {case.name for case in CASES}
     named = {name.split(".")[0] for name in names}
-    assert set(PUBLIC) - named <= NOTHING_TO_SPOIL
-    assert not NOTHING_TO_SPOIL & named
+    assert set(PUBLIC) - named <= NOTHING_TO_SPOIL and not NOTHING_TO_SPOIL & named
     assert set(SOUND) == names
 
 
 def test_every_argument_is_in_the_table():
-    """Each argument of each public function is spoiled at least once."""
-    free = {"progress"}  # asked for its truth alone
-    elsewhere = {"register_effect.cls"}
+    spoiled = {f"{case.name}.{argument}" for case in CASES for argument in case.spoil}
     missing = set()
     for name in set(PUBLIC) - NOTHING_TO_SPOIL - GIVEN:
-        thing = PUBLIC[name]
-        if callable(thing):
-            spoiled = {key for case in CASES if case.name == name for key in case.spoil}
-            asked = set(inspect.signature(thing).parameters) - free - spoiled
-            missing |= {f"{name}.{argument}" for argument in asked}
-    assert missing == elsewhere
+        if callable(PUBLIC[name]):
+            asked = set(inspect.signature(PUBLIC[name]).parameters)
+            asked -= {"progress"}  # asked for its truth alone
+            missing |= {f"{name}.{argument}" for argument in asked} - spoiled
+    assert missing == {"register_effect.cls"}  # its rows call it themselves
 
 
 # ------------------------------------------------------------------ warnings
 
-STRETCHES = (np.arange(N) < 700) | (np.arange(N) > 1994)
 PLAY = AXIS.replace(effects=fx.Backlash(1e-4, 0.5))
 CONTACT = AXIS.replace(effects=fx.Presliding(1e-5))
 COUNTS = "one count in m, not a number of counts"
-SUSPECT: dict[str, tuple[Callable[..., Any], tuple[Any, ...], str]] = {
-    "time in ms": (dfc.Record, (1e3 * T, U, X), "milliseconds.*t \\* 0.001"),
-    "mapping, ms": (dfc.read_record, ({"t": 1e3 * T, "u": U, "x": X},), "milliseconds"),
-    "short stretches lost": (
-        dfc.Record.split_at_gaps,
-        tuple(a[STRETCHES] for a in (T, U, X)),
-        "5 samples .* left out",
-    ),
-    "observer leaves out": (dfc.design_pi_observer, (CONTACT, DT), "leaves out presliding"),
-    "compensation leaves out": (dfc.design_compensation, (PLAY, DT), "leaves out backlash"),
-    "observer, counts for metres": (
-        functools.partial(dfc.design_pi_observer, encoder_quantum=1.0),
-        (AXIS, DT),
-        COUNTS,
-    ),
-    "filter, counts for metres": (dfc.hybrid_filter, (AXIS, DT, 1.0), COUNTS),
-    "compensation, counts for metres": (dfc.design_compensation, (AXIS, DT, 1.0), COUNTS),
+SUSPECT: dict[str, tuple[Callable[[], Any], str]] = {
+    "time in ms": (lambda: dfc.Record(1e3 * T, U, X), "milliseconds.*t \\* 0.001"),
+    "mapping, ms": (lambda: dfc.read_record({"t": 1e3 * T, "u": U, "x": X}), "milliseconds"),
+    "observer leaves out": (lambda: dfc.design_pi_observer(CONTACT, DT), "leaves out presliding"),
+    "compensation leaves out": (lambda: dfc.design_compensation(PLAY, DT), "leaves out backlash"),
+    "observer, counts": (lambda: dfc.design_pi_observer(AXIS, DT, encoder_quantum=1.0), COUNTS),
+    "filter, counts": (lambda: dfc.hybrid_filter(AXIS, DT, 1.0), COUNTS),
+    "compensation, counts": (lambda: dfc.design_compensation(AXIS, DT, 1.0), COUNTS),
 }
 
 
-@pytest.mark.filterwarnings("ignore:x jumps")  # the stretch cut out of one of them
 @pytest.mark.parametrize("case", SUSPECT)
 def test_suspect_input_brings_a_warning(case):
-    call, arguments, words = SUSPECT[case]
+    call, words = SUSPECT[case]
     with pytest.warns(UserWarning, match=words) as told:
-        call(*arguments)
+        call()
     assert {one.filename for one in told} == {__file__}, "points into the package"

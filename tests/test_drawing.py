@@ -1,7 +1,5 @@
 """Plots and texts of results: shapes, titles, styles, units, lines that fit a page."""
 
-from __future__ import annotations
-
 import functools
 import warnings
 
@@ -18,8 +16,6 @@ AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3), 
 T = 1e-3 * np.arange(2000)
 CONTROLLER = dfc.PositionController.from_bandwidth(AXIS, 20.0, 1e-3)
 R = 0.1 + 0.05 * np.sin(6.0 * T)
-
-
 PLOTS = {
     "record": 2, "response": 4, "fit": 2, "replay": 2, "replayed loop": 3, "slow ramp": 2,
     "levels": 1, "estimate": 3, "observed loop": 4, "maps": 1, "position": 2, "speed": 2,
@@ -37,26 +33,17 @@ def plots(run):
     """How each result is drawn."""
     loop = dfc.simulate_loop(AXIS, CONTROLLER, R, quantum=1e-6, x0=0.1)
     record = dfc.Record(T, loop.y[4], loop.y[5], R, name="a run")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", dfc.FitWarning)
+    with warnings.catch_warnings(action="ignore", category=dfc.FitWarning):
         found = dfc.fit(AXIS, record, free=("mass",), starts=1)
     ramp = dfc.slow_ramp_experiment(AXIS, duration=10.0, quantum=1e-6)
-    return {
-        "record": record.plot,
-        "response": loop.plot,
-        "fit": found.plot,
-        "replay": found.training[0].plot,
-        "replayed loop": dfc.replay_loop(AXIS, record, CONTROLLER).plot,
-        "slow ramp": ramp.plot,
+    parts = ("maps", "position", "speed", "friction", "mode")
+    return {what: functools.partial(run.plot, what=what) for what in parts} | {
+        "record": record.plot, "response": loop.plot, "fit": found.plot,
+        "replay": found.training[0].plot, "slow ramp": ramp.plot, "estimate": run.estimate.plot,
+        "replayed loop": dfc.replay_loop(AXIS, record, CONTROLLER).plot, "observed loop": run.plot,
         "levels": dfc.identify_coulomb(ramp.record, degree=0, axis=AXIS).plot,
-        "estimate": run.estimate.plot,
-        "observed loop": run.plot,
-        **{
-            what: functools.partial(run.plot, what=what)
-            for what in ("maps", "position", "speed", "friction", "mode")
-        },
         "monte_carlo": presets.clutch_monte_carlo(runs=2, duration=0.5, progress=False).plot,
-    }
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "panels"), PLOTS.items())
@@ -100,8 +87,7 @@ def test_friction_over_velocity_is_that_of_the_laws():
     # A spring is no friction. Rounding alone.
     np.testing.assert_allclose(force, way * level * peak + 15.0 * v + 10.0 * v * np.abs(v))
     assert v[0] == -0.1 and v[-1] == 0.1 and np.any(v == 1e-3)
-    words = [text.get_text() for text in drawn.axes[0, 0].texts]
-    assert words == ["10.4 N", "9.1 N"]
+    assert [text.get_text() for text in drawn.axes[0, 0].texts] == ["10.4 N", "9.1 N"]
 
 
 def test_friction_that_depends_on_the_position_is_a_band():
@@ -128,9 +114,8 @@ def test_a_loop_shows_its_tracking_error():
 
 
 def test_results_are_shown_in_the_units_of_their_axis(run):
-    axis = AXIS.replace(
-        effects=(dfc.effects.Spring(200.0),), stribeck=dfc.Stribeck(0.3, 0.01), name="<x>"
-    )
+    peak = dfc.Stribeck(0.3, 0.01)
+    axis = AXIS.replace(effects=(dfc.effects.Spring(200.0),), stribeck=peak, name="<x>")
     page = axis._repr_html_()
     assert page.count("<tr>") == 11 and "&lt;x&gt;" in page
     for words in ("2 kg", "15 N\xb7s/m", "8 N", "spring: stiffness = 200 N/m", "0 to 0.3 m"):
@@ -189,18 +174,12 @@ def test_panels_make_a_plot_with_a_title():
         Shown().plot(given[:1])
 
 
-@pytest.mark.parametrize(
-    ("text", "printed"),
-    [
-        ("N m s^2/rad", "N\xb7m\xb7s\xb2/rad"),
-        ("kg m^2", "kg\xb7m\xb2"),
-        ("[um]", "[\xb5m]"),
-        ("8 N on the um scale", "8 N on the um scale"),
-        ("-3 um", "-3 \xb5m"),
-    ],
-)
-def test_units_are_typeset_and_words_are_not(text, printed):
-    assert typeset(text) == printed
+def test_units_are_typeset_and_words_are_not():
+    for text, printed in (
+        ("N m s^2/rad", "N\xb7m\xb7s\xb2/rad"), ("kg m^2", "kg\xb7m\xb2"), ("[um]", "[\xb5m]"),
+        ("-3 um", "-3 \xb5m"), ("8 N on the um scale", "8 N on the um scale"),
+    ):  # fmt: skip
+        assert typeset(text) == printed
 
 
 def test_plain_data_is_what_json_takes_and_levels_come_as_arrays():

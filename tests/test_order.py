@@ -12,35 +12,26 @@ SMALL = dfc.FrictionAxis(
 )
 
 
-def driven(axis, size, quantum):
-    """Drive and reading of two seconds."""
-    t = DT * np.arange(2000)
-    u = size * np.sin(6.0 * t)
-    return u, quantum * np.round(axis.simulate(u, DT).y[0] / quantum)
-
-
 @pytest.mark.parametrize(
     ("axis", "size", "quantum"), [(AXIS, 15.0, 1e-6), (AXIS, 9.0, 1e-4), (SMALL, 0.01, 1e-3)]
 )
 def test_drive_and_reading(axis, size, quantum):
-    u, y = driven(axis, size, quantum)
+    t = DT * np.arange(2000)
+    u = size * np.sin(6.0 * t)
+    y = quantum * np.round(axis.simulate(u, DT).y[0] / quantum)
     design = dfc.design_pi_observer(axis, DT, encoder_quantum=quantum)
     hybrid = dfc.hybrid_filter(axis, DT, quantum)
     for run in (lambda a, b: dfc.observe(design, a, b), hybrid.run):
         run(u, y)
         with pytest.raises(ValueError, match="u and y look exchanged: .* the other way round by"):
             run(y, u)
-    t, length = DT * np.arange(u.size), {"x": axis.units[0], "u": axis.units[1]}
-    swapped = dfc.Record(t, y, u, units=length)
-    for call in (
-        lambda: dfc.observe(design, swapped),
-        lambda: dfc.fit(axis, swapped),
-        lambda: dfc.diagnose(axis, swapped),
-        lambda: dfc.replay(axis, swapped),
-        lambda: dfc.identify_coulomb(swapped, axis=axis),
-    ):
+    swapped = dfc.Record(t, y, u, units={"x": axis.units[0], "u": axis.units[1]})
+    for call, *given in (
+        (dfc.observe, design, swapped), (dfc.fit, axis, swapped), (dfc.diagnose, axis, swapped),
+        (dfc.replay, axis, swapped), (dfc.identify_coulomb, swapped, None, axis),
+    ):  # fmt: skip
         with pytest.raises(ValueError, match=r"record.*\.u and .*\.x look exchanged"):
-            call()
+            call(*given)
 
 
 def test_a_nominal_axis_that_is_far_off_is_no_exchange():
@@ -56,8 +47,7 @@ def test_a_nominal_axis_that_is_far_off_is_no_exchange():
             u = force * (16.0 + 12.0 * np.sin(5.0 * t) + noise * rng.standard_normal(t.size))
             y = axis.simulate(u, DT).y[0]
             for factor in (0.4, 2.5):
-                nominal = axis.replace(
-                    mass=factor * axis.mass, viscous=axis.viscous / factor, effects=()
-                )
+                off = dict(mass=factor * axis.mass, viscous=axis.viscous / factor)
+                nominal = axis.replace(**off, effects=())
                 dfc.replay(nominal, dfc.Record(t, u, y))
                 dfc.replay(nominal, dfc.Record(t, u, y + 20.0 * length))

@@ -4,21 +4,15 @@ It shares no code with the package, so that nothing here imports the package:
 `model/test_against_the_bench.py` compares the two, effect by effect.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
-from truth import (
-    CONDITIONS,
-    RECORDERS,
-    make_case,
-    make_machine,
-    make_null,
-)
+from truth import CONDITIONS, RECORDERS, make_case, make_machine, make_null
 from truth.bench import DT, VISIBLE, WINDOW
 from truth.plant import X, free_runs
+
+BASE = ("mass", "viscous", "coulomb")
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
@@ -35,7 +29,7 @@ def test_believed():
     for seed in range(3):
         exact, off = make_null(seed), make_null(seed, "off")
         assert exact.believed == exact.actual
-        for key in ("mass", "viscous", "coulomb"):
+        for key in BASE:
             share = off.believed[key] / off.actual[key] - 1.0
             assert 0.0 < abs(share) <= 0.031  # 3 % of the true value, as a ratio
     case = make_case("coulomb", 0, "off")
@@ -82,8 +76,7 @@ def test_machine():
         assert len(first.truth) in count and set(effects or ()) <= set(first.truth)
         assert all(7.0 <= r.t.size * DT <= 9.0 for r in runs)
         assert all(r.believed == first.believed and r.plant == first.plant for r in runs)
-        shares = {round(first.believed[k] / first.actual[k] - 1.0, 9) for k in
-                  ("mass", "viscous", "coulomb")}  # fmt: skip
+        shares = {round(first.believed[k] / first.actual[k] - 1.0, 9) for k in BASE}
         assert shares == {-0.2, 0.2}
         for slug in first.truth:
             assert np.mean([r.visibility[slug] for r in runs]) >= VISIBLE
@@ -100,7 +93,6 @@ def test_twins_are_the_same_record():
 
 
 def test_shares_no_code_with_the_package():
-    """No import of the package by the generator or by the baseline."""
     root = Path(__file__).parent
     sources = [*(root / "truth").glob("*.py"), root.parent / "benchmarks/diagnosis_baseline.py"]
     assert len(sources) == 7

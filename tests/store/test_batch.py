@@ -1,7 +1,5 @@
 """Many cases: kept as they finish, the same however they are run."""
 
-from __future__ import annotations
-
 import functools
 import json
 import math
@@ -15,15 +13,13 @@ from pathlib import Path
 import joblib
 import numpy as np
 import pytest
-from diagnosis_cases import among
+from diagnosis_cases import among, driven
 
 import dryfric_control as dfc
 from dryfric_control import presets
 from dryfric_control.store.batch import fingerprint
 
-# The package holds a function of the same name.
-
-RUNS, DURATION = 6, 2.0
+RUNS = 6
 CASES = {"a": 4.0, "b": 9.0, "c": 16.0}
 ROOTS = {"a": 2.0, "b": 3.0, "c": 4.0}
 
@@ -99,22 +95,20 @@ def test_a_case_that_fails_is_named_and_leaves_the_finished(tmp_path):
     assert function.seen == []
 
 
+HEAD = b'{"store": "dryfric-control batch 1", "settings": '
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "no store of a batch"),
-        (b"t,u,x\n0,0,0\n", "no store of a batch"),
-        (b'{"store": "dryfric-control bat', "no store of a batch"),
-        (b'{"store": "another"}\n', "no store of a batch"),
-        (b'{"store": "dryfric-control batch 1", "settings": 3}\n', "m is 2.0 and was None"),
-        (b'{"store": "dryfric-control batch 1", "settings": {"m": 3.0}}\n', "m is 2.0 and was 3.0"),
-        (b'{"store": "dryfric-control batch 1", "settings": {"m": 2.0}}\n3\n', "damaged in line 2"),
-        (
-            b'{"store": "dryfric-control batch 1", "settings": {"m": 2.0}}\n{"case": 1,\n{}',
-            "damaged in line 2",
-        ),
+        *((content, "no store of a batch")
+          for content in (b"", b"t,u,x\n0,0,0\n", HEAD[:30], b'{"store": "another"}\n')),
+        (HEAD + b"3}\n", "m is 2.0 and was None"),
+        (HEAD + b'{"m": 3.0}}\n', "m is 2.0 and was 3.0"),
+        (HEAD + b'{"m": 2.0}}\n3\n', "damaged in line 2"),
+        (HEAD + b'{"m": 2.0}}\n{"case": 1,\n{}', "damaged in line 2"),
     ],
-)
+)  # fmt: skip
 def test_other_files_are_refused_and_left_alone(tmp_path, content, words):
     store, function = tmp_path / "store.jsonl", Counted()
     store.write_bytes(content)
@@ -159,11 +153,9 @@ def plain(design):
     return found
 
 
-def scores(design, runs=RUNS, **options):
-    found = presets.clutch_monte_carlo(
-        design, runs=runs, duration=DURATION, progress=False, **options
-    )
-    return np.stack([*found.scores.values()])
+def scores(design, **options):
+    options |= dict(runs=RUNS, duration=2.0, progress=False)
+    return np.stack([*presets.clutch_monte_carlo(design, **options).scores.values()])
 
 
 @pytest.mark.slow
@@ -172,23 +164,6 @@ def test_same_bits_with_and_without_store_in_any_number_of_jobs(design, plain, t
     for jobs in (2, 1):  # the second reads what the first has kept
         assert scores(design, store=store, jobs=jobs).tobytes() == plain.tobytes()
         assert len(lines(store)) == 1 + RUNS
-
-
-def started(folder, code, *arguments, **environment):
-    """A process of its own that finds the package and the modules of a folder."""
-    path = [str(folder), str(Path(dfc.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
-    return subprocess.Popen(
-        [sys.executable, "-c", code, *map(str, arguments)], stderr=subprocess.DEVNULL,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(path)} | environment,
-    )  # fmt: skip
-
-
-def wait_until(ready, run):
-    """Five minutes at most: compiling, on a busy machine."""
-    deadline = time.monotonic() + 300.0
-    while not ready():
-        assert run.poll() is None and time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 WAITER = """
@@ -214,7 +189,11 @@ if __name__ == "__main__":
 @pytest.mark.skipif(sys.platform == "win32", reason="an orphan keeps the number of its parent")
 def test_workers_end_with_a_run_that_is_killed(tmp_path):
     (tmp_path / "waiter.py").write_text(WAITER)
-    run = started(tmp_path, WAITING, tmp_path)
+    path = [str(tmp_path), str(Path(dfc.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    run = subprocess.Popen(
+        [sys.executable, "-c", WAITING, str(tmp_path)], stderr=subprocess.DEVNULL,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(path)},
+    )  # fmt: skip
 
     def workers():
         return [int(one.name[6:]) for one in tmp_path.glob("worker*")]
@@ -229,7 +208,10 @@ def test_workers_end_with_a_run_that_is_killed(tmp_path):
         return not status.exists() or status.read_text().rpartition(")")[2].split()[0] != "Z"
 
     try:
-        wait_until(lambda: len(workers()) == 2, run)
+        deadline = time.monotonic() + 300.0  # compiling, on a busy machine
+        while len(workers()) < 2:
+            assert run.poll() is None and time.monotonic() < deadline
+            time.sleep(0.05)
         run.kill()
         run.wait()
         # Far less than the case would take, far more than a busy machine needs to look.
@@ -241,6 +223,10 @@ def test_workers_end_with_a_run_that_is_killed(tmp_path):
         run.kill()
         for worker in filter(alive, workers()):
             os.kill(worker, signal.SIGKILL)
+
+
+def process_of(case):
+    return os.getpid()
 
 
 @pytest.mark.slow
@@ -256,36 +242,19 @@ def test_the_same_call_on_a_dask_cluster(design, plain, tmp_path):
         assert addresses == {"127.0.0.1"}
         before = client.run(os.getpid)
         with joblib.parallel_config(backend="dask"):
-            on_cluster = scores(design)
-            stored = scores(design, store=store)
-            pids = dfc.run_batch(_pid, dict(enumerate(range(8))), progress=False)
+            on_cluster, stored = scores(design), scores(design, store=store)
+            pids = dfc.run_batch(process_of, dict(enumerate(range(8))), progress=False)
         # It was the workers that ran.
         assert set(pids.values()) <= set(before.values())
-    assert on_cluster.tobytes() == plain.tobytes()
-    assert stored.tobytes() == plain.tobytes()
+    assert on_cluster.tobytes() == stored.tobytes() == plain.tobytes()
     assert len(lines(store)) == 1 + RUNS
 
 
-def _pid(value):
-    return os.getpid()
-
-
-@pytest.fixture(scope="module")
-def bench():
-    """A believed axis, and records of a machine whose drive is 20 % stronger."""
-    believed = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    machine = believed.replace(effects=(dfc.effects.InputGain(gain=1.2),))
-    t = 1e-3 * np.arange(3000)
-    records = {}
-    for name, tone in (("monday", 17.0), ("tuesday", 19.0)):
-        u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(tone * t + 1.0)
-        records[name] = dfc.Record(t, u, 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0]))
-    return believed, records
-
-
 @pytest.mark.slow
-def test_a_batch_of_diagnoses_is_that_of_each(bench, tmp_path):
-    axis, records = bench
+def test_a_batch_of_diagnoses_is_that_of_each(tmp_path):
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    machine = axis.replace(effects=(dfc.effects.InputGain(gain=1.2),))
+    records = {"monday": driven(machine), "tuesday": driven(machine, seconds=2.5)}
     store = tmp_path / "diagnoses.jsonl"
     batch = functools.partial(dfc.diagnose_batch, progress=False, store=store)
     with among("input_gain", "load_dependence", "bias_force", "stribeck"):

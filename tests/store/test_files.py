@@ -1,7 +1,5 @@
 """Files: written whole or not at all, refused when damaged or newer, never executed."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess
@@ -48,16 +46,11 @@ WRITERS = {
 }
 
 
-@pytest.fixture
-def page(monkeypatch):
-    """A report without its drawings, which take seconds."""
-    monkeypatch.setattr(report, "html_page", lambda _: "<p>report</p>")
-
-
 @pytest.mark.parametrize("writer", WRITERS)
 @pytest.mark.parametrize("old", [b"what was there before", None])
-def test_a_full_disk_leaves_the_old_file(tmp_path, page, writer, old):
+def test_a_full_disk_leaves_the_old_file(tmp_path, monkeypatch, writer, old):
     resource = pytest.importorskip("resource")
+    monkeypatch.setattr(report, "html_page", lambda _: "<p>its drawings take seconds</p>")
     name, write = WRITERS[writer]
     path = tmp_path / name
     if old is not None:
@@ -205,6 +198,5 @@ def test_damaged_files_are_refused_or_read_soundly(kind, sound_files, tmp_path):
         broken = damage.damaged(content, changes)
         assert damage.verdict(kind, broken, folder) in ("taken", "refused")
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         one()

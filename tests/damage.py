@@ -4,8 +4,6 @@ A reader may take a damaged file, if what it returns is sound, or refuse it
 with a ValueError that says something.  Anything else is a find.
 """
 
-from __future__ import annotations
-
 import gzip
 import importlib.util
 import io
@@ -87,6 +85,7 @@ _MODELS = {
     ],
 }
 _ELBOW = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=1.5, units=("rad", "N m"))
+_AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
 
 
 def _mcap() -> list[bytes]:
@@ -145,19 +144,15 @@ def sound_files(folder: Path) -> dict[str, list[bytes]]:
     rows = np.column_stack([T, U, X, REFERENCE])
     record = dfc.Record(T, U, X, REFERENCE, units={"x": "m", "u": "N"}, name="run", quantum=1e-6)
     named = {"t": T, "u": U, "x": X}
-    axis = dfc.FrictionAxis(
-        mass=2.0, viscous=15.0, coulomb=dfc.CoulombMap(plus=[8.0, 3.0], minus=[7.0]),
-        stribeck=dfc.Stribeck(excess=0.3, speed=0.01), travel=(0.0, 0.3),
-        effects=(dfc.effects.Spring(stiffness=40.0), dfc.effects.InputDelay(delay=2e-3)), name="z axis",
+    emps = {"t": T, "qm": X, "qg": REFERENCE, "vir": U, "gtau": 35.0}
+    axis = _AXIS.replace(
+        coulomb=dfc.CoulombMap(plus=[8.0, 3.0], minus=[7.0]), stribeck=dfc.Stribeck(0.3, 0.01),
+        effects=(dfc.effects.Spring(stiffness=40.0), dfc.effects.InputDelay(delay=2e-3)),
+        travel=(0.0, 0.3), name="z axis",
     )  # fmt: skip
-    plain = dfc.FrictionAxis(
-        mass=2.0, viscous=15.0, coulomb=8.0, effects=(dfc.effects.BiasForce(1.0),)
-    )
+    plain = _AXIS.replace(effects=(dfc.effects.BiasForce(1.0),))
     design = dfc.design_pi_observer(plain, dt=1e-3, encoder_quantum=1e-6)
-
-    def mat(path: Path, content: dict[str, Any], compressed: bool) -> None:
-        savemat(path, content, do_compression=compressed)
-
+    numbers = b"mass = 0.3\nviscous = 0.2\ncoulomb = [1.5, 1.4]\nunits = ['rad', 'N m']\n"
     files = {
         "csv": [
             _csv(rows, "time [ms],force [N],pos [mm],ref [mm]"),
@@ -166,9 +161,8 @@ def sound_files(folder: Path) -> dict[str, list[bytes]]:
             _written(folder, "own.csv", record.to_csv),
             b"sep=;\nMeasured on a Monday\nt;u;x;v\ns;N;mm;m/s\n" + _csv(rows, "", ";").lstrip(),
             b"% t u x\n" + _csv(rows[:, :3], "", " ").lstrip().replace(b"\n", b" \n"),
-            "\n".join(
-                ["t,u,x [counts]", *(f"{T[k]},{U[k]},{2**62 + k**2 % 97}" for k in range(N))]
-            ).encode(),
+            "\n".join(["t,u,x [counts]", *(f"{T[k]},{U[k]},{2**62 + k**2 % 97}"
+                                           for k in range(N))]).encode(),
         ],
         "log": [
             _csv(rows[:, :3], "2026-03-02T10:00:00Z,u,x").replace(b"\n0.0", b"\n12:00:00.0"),
@@ -181,11 +175,8 @@ def sound_files(folder: Path) -> dict[str, list[bytes]]:
         "arrays": [_written(folder, "a.npz", lambda p: np.savez(p, **named))],
         "array": [_written(folder, "a.npy", lambda p: np.save(p, rows[:, :3]))],
         "lines": [
-            b"\n".join(
-                json.dumps({"t": T[k], "name": ["a", "b"], "position": [0.0, X[k]],
-                            "effort": [0.1, U[k]]}).encode()
-                for k in range(N)
-            )
+            b"\n".join(json.dumps({"t": T[k], "name": ["a", "b"], "position": [0.0, X[k]],
+                                   "effort": [0.1, U[k]]}).encode() for k in range(N))
         ],
         "record": [_written(folder, "record.json", record.save)],
         "gz": [gzip.compress(_csv(rows, "t,u,x,r"), mtime=0)],
@@ -195,24 +186,16 @@ def sound_files(folder: Path) -> dict[str, list[bytes]]:
         "fit": [_written(folder, "fit.json", lambda p: _fit().save(p))],
         "mat": [
             _written(folder, "d.mat", lambda p: savemat(p, named, format="4")),
-            _written(folder, "a.mat", lambda p: mat(p, named, False)),
-            _written(folder, "b.mat", lambda p: mat(p, named | {"s": {"a": [1, 2]}}, True)),
-            _written(
-                folder, "c.mat",
-                lambda p: mat(p, {"t": T, "qm": X, "qg": REFERENCE, "vir": U, "gtau": 35.0}, False),
-            ),
+            _written(folder, "a.mat", lambda p: savemat(p, named)),
+            _written(folder, "b.mat",
+                     lambda p: savemat(p, named | {"s": {"a": [1, 2]}}, do_compression=True)),
+            _written(folder, "c.mat", lambda p: savemat(p, emps)),
         ],
         "axis": [
             _written(folder, "a.toml", lambda p: dfc.write_axis(axis, p)),
             _written(folder, "b.toml", lambda p: dfc.write_axis(plain, p)),
         ],
-        "axes": [
-            b"".join(
-                b"[%s]\n" % name
-                + b"mass = 0.3\nviscous = 0.2\ncoulomb = [1.5, 1.4]\nunits = ['rad', 'N m']\n"
-                for name in (b"elbow", b"wrist")
-            )
-        ],
+        "axes": [b"".join(b"[%s]\n%s" % (name, numbers) for name in (b"elbow", b"wrist"))],
         **_MODELS,
         "design": [_written(folder, "observer.json", lambda p: design.save(str(p)))],
         "bam": [bam_log()],
@@ -234,18 +217,13 @@ _TOKENS = [
 ]
 
 _PLACE = st.integers(0, 2**20)
-_CHANGES = st.one_of(
-    st.tuples(st.just("word"), _PLACE, st.sampled_from(_TOKENS)),
-    st.tuples(st.just("swap"), _PLACE, _PLACE),
-    st.tuples(st.just("write"), _PLACE, st.binary(min_size=1, max_size=8)),
-    st.tuples(st.just("insert"), _PLACE, st.binary(min_size=1, max_size=8)),
-    st.tuples(st.just("token"), _PLACE, st.sampled_from(_TOKENS)),
-    st.tuples(st.just("flip"), _PLACE, st.integers(0, 7)),
-    st.tuples(st.just("remove"), _PLACE, st.integers(1, 200)),
-    st.tuples(st.just("repeat"), _PLACE, st.integers(1, 200)),
-    st.tuples(st.just("line"), _PLACE, _PLACE),
-    st.tuples(st.just("cut"), _PLACE, st.just(0)),
-)
+_WHAT = {
+    **dict.fromkeys(("word", "token"), st.sampled_from(_TOKENS)),
+    **dict.fromkeys(("write", "insert"), st.binary(min_size=1, max_size=8)),
+    **dict.fromkeys(("remove", "repeat"), st.integers(1, 200)),
+    **dict.fromkeys(("swap", "line"), _PLACE), "flip": st.integers(0, 7), "cut": st.just(0),
+}  # fmt: skip
+_CHANGES = st.one_of(st.tuples(st.just(kind), _PLACE, what) for kind, what in _WHAT.items())
 #: One to four changes of a file.
 damages = st.lists(_CHANGES, min_size=1, max_size=4)
 
@@ -299,15 +277,10 @@ class Reader:
 
 
 def _fit() -> dfc.Fit:
-    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
     t = 1e-3 * np.arange(600)
     u = 20.0 * np.sin(30.0 * t)
-    record = dfc.Record(t, u, axis.simulate(u, dt=1e-3).y[0], name="run")
-    return dfc.fit(axis, record, free=("mass",), window=0.1)
-
-
-def _column(path: Path) -> dfc.Record:
-    return dfc.read_record({"t": T, "u": U, "x": path})
+    record = dfc.Record(t, u, _AXIS.simulate(u, dt=1e-3).y[0], name="run")
+    return dfc.fit(_AXIS, record, free=("mass",), window=0.1)
 
 
 def _bridged(path: Path) -> dfc.Record:
@@ -319,13 +292,9 @@ def _bridged(path: Path) -> dfc.Record:
 def _record_sound(record: dfc.Record) -> bool:
     channels = [record.t, record.u, record.x]
     channels += [] if record.reference is None else [record.reference]
-    return (
-        all(np.isfinite(c).all() and c.shape == record.t.shape for c in channels)
-        and math.isfinite(record.dt)
-        and record.dt > 0.0
-        and bool(np.all(np.diff(record.t) > 0.0))
-        and len(record.summary()) > 0
-    )
+    finite = all(np.isfinite(c).all() and c.shape == record.t.shape for c in channels)
+    steady = 0.0 < record.dt < math.inf and bool(np.all(np.diff(record.t) > 0.0))
+    return finite and steady and len(record.summary()) > 0
 
 
 def _log_sound(log: dict[str, Any]) -> bool:
@@ -336,18 +305,14 @@ def _log_sound(log: dict[str, Any]) -> bool:
 
 def _axis_sound(axis: dfc.FrictionAxis) -> bool:
     numbers = axis.arrays(1e-3).numbers
-    return (
-        axis.mass > 0.0
-        and bool(np.isfinite(np.delete(numbers, FREE)).all())
-        and len(axis.describe()) > 0
-    )
+    finite = bool(np.isfinite(np.delete(numbers, FREE)).all())
+    return axis.mass > 0.0 and finite and len(axis.describe()) > 0
 
 
 def _design_sound(design: dfc.ObserverDesign) -> bool:
     # The certificate has just been recomputed: it must hold and enclose its gain.
-    return design.lower_bound <= design.gamma * (1 + 1e-9) and bool(
-        np.isfinite(design.node_gains).all() and len(design.summary()) > 0
-    )
+    finite = bool(np.isfinite(design.node_gains).all())
+    return design.lower_bound <= design.gamma * (1 + 1e-9) and finite and len(design.summary()) > 0
 
 
 def _edited(path: Path) -> tuple[bytes, bytes, str]:
@@ -379,26 +344,18 @@ def _edit_sound(edit: tuple[bytes, bytes, str]) -> bool:
         return words.encode() in after and before[:4] == after[:4]
     elements = _attributes(after)
     wanted = dict(part.split("=") for part in words.split())
-    return (
-        any(wanted.items() <= attributes.items() for attributes in elements)
-        and before[:8] == after[:8]
-        and before[-8:] == after[-8:]
-        and len(elements) - len(_attributes(before)) in (0, 1)
-    )
+    there = any(wanted.items() <= attributes.items() for attributes in elements)
+    same = (before[:8], before[-8:]) == (after[:8], after[-8:])
+    return there and same and len(elements) - len(_attributes(before)) in (0, 1)
 
 
+PLAIN = {"csv": ".csv", "mat": ".mat", "gz": ".csv.gz", "xlsx": ".xlsx", "parquet": ".parquet",
+         "mcap": ".mcap", "arrays": ".npz", "array": ".npy"}  # fmt: skip
 READERS = {
-    "csv": Reader(".csv", dfc.read_record, _record_sound),
-    "mat": Reader(".mat", dfc.read_record, _record_sound),
-    "gz": Reader(".csv.gz", dfc.read_record, _record_sound),
-    "column": Reader(".t", _column, _record_sound),
-    "xlsx": Reader(".xlsx", dfc.read_record, _record_sound),
-    "parquet": Reader(".parquet", dfc.read_record, _record_sound),
-    "mcap": Reader(".mcap", dfc.read_record, _record_sound),
+    **{kind: Reader(suffix, dfc.read_record, _record_sound) for kind, suffix in PLAIN.items()},
+    "column": Reader(".t", lambda p: dfc.read_record({"t": T, "u": U, "x": p}), _record_sound),
     "fit": Reader(".json", dfc.Fit.load, lambda fit: len(fit.summary()) > 0),
     "log": Reader(".csv", _bridged, _record_sound),
-    "arrays": Reader(".npz", dfc.read_record, _record_sound),
-    "array": Reader(".npy", dfc.read_record, _record_sound),
     "lines": Reader(".jsonl", _bridged, _record_sound),
     "record": Reader(".json", dfc.load_record, _record_sound),
     "axis": Reader(".toml", dfc.read_axis, _axis_sound),

@@ -16,14 +16,10 @@ T = DT * np.arange(N)
 QUANTUM = 2.0 * np.pi / 2**16
 JOINTS = {
     "joint_1": Plant(mass=1.2, viscous=2.0, coulomb=4.0, stick_speed=1e-3),
-    "joint_2": Plant(
-        mass=0.5, viscous=0.8, coulomb=2.0, stick_speed=1e-3,
-        load_fraction=0.5, gap=0.02, coupling_stiffness=2e4, coupling_damping=60.0,
-    ),
-    "joint_3": Plant(
-        mass=0.08, viscous=0.1, coulomb=0.4, stick_speed=1e-3,
-        wall_stiffness=300.0, wall_damping=0.8, wall_low=-0.6, wall_high=0.5,
-    ),
+    "joint_2": Plant(mass=0.5, viscous=0.8, coulomb=2.0, stick_speed=1e-3, load_fraction=0.5,
+                     gap=0.02, coupling_stiffness=2e4, coupling_damping=60.0),
+    "joint_3": Plant(mass=0.08, viscous=0.1, coulomb=0.4, stick_speed=1e-3, wall_stiffness=300.0,
+                     wall_damping=0.8, wall_low=-0.6, wall_high=0.5),
 }  # fmt: skip
 #: Of the inertia, that of the body in the model.
 SHARE = 0.6

@@ -60,73 +60,65 @@ end Arm;
 """
 
 
-def record(axis, u=U):
-    return dfc.Record(T, u, axis.simulate(u, dt=DT).y[0], units={"x": "rad", "u": "N m"})
-
-
 @pytest.fixture(scope="module")
 def fitted():
-    return dfc.fit(PLAIN.replace(mass=0.2, coulomb=1.0), record(PLAIN))
+    x = PLAIN.simulate(U, dt=DT).y[0]
+    record = dfc.Record(T, U, x, units={"x": "rad", "u": "N m"})
+    return dfc.fit(PLAIN.replace(mass=0.2, coulomb=1.0), record)
 
 
 @pytest.fixture
 def arm(tmp_path):
-    path = tmp_path / "arm.xml"
-    path.write_bytes(MJCF)
-    return path
+    (tmp_path / "arm.xml").write_bytes(MJCF)
+    return tmp_path / "arm.xml"
+
+
+@pytest.fixture
+def modelica(tmp_path):
+    (tmp_path / "Arm.mo").write_bytes(MO)
+    return tmp_path / "Arm.mo"
 
 
 def test_mjcf_keeps_every_other_byte(arm):
     dfc.to_mjcf(PLAIN, arm, load=0.05)
-    tag = (
-        b"<joint   name='elbow'\taxis=\"0 0 1\"\n             damping = '0.3' class=\"x > y\""
-        b' frictionloss="1.2" armature="0.2" />'
-    )
-    old = b"<joint   name='elbow'\taxis=\"0 0 1\"\n             damping = '0.05' class=\"x > y\" />"
+    old = b"""damping = '0.05' class="x > y" />"""
+    new = b"""damping = '0.3' class="x > y" frictionloss="1.2" armature="0.2" />"""
     assert MJCF.count(old) == 1
-    assert arm.read_bytes() == MJCF.replace(old, tag)
+    assert arm.read_bytes() == MJCF.replace(old, new)
 
 
 def test_urdf_keeps_every_other_byte(tmp_path):
     path, out = tmp_path / "arm.urdf", tmp_path / "out.urdf"
     path.write_bytes(URDF)
-    found = dfc.simulators.to_urdf(
-        {"elbow": PLAIN, "wrist": PLAIN.replace(coulomb=0.5)}, path, out=out
-    )
-    right = URDF.replace(b"friction='0.1'", b"friction='1.2' damping=\"0.3\"").replace(
-        b'"continuous">\n', b'"continuous">\n    <dynamics damping="0.3" friction="0.5"/>\n'
-    )
+    joints = {"elbow": PLAIN, "wrist": PLAIN.replace(coulomb=0.5)}
+    found = dfc.simulators.to_urdf(joints, path, out=out)
+    right = URDF.replace(b"friction='0.1'", b"friction='1.2' damping=\"0.3\"")
+    added = b'"continuous">\n    <dynamics damping="0.3" friction="0.5"/>\n'
+    right = right.replace(b'"continuous">\n', added)
     assert out.read_bytes() == right and path.read_bytes() == URDF
     assert found.files == (out,)
 
 
-def test_modelica_keeps_every_other_byte(tmp_path):
-    path = tmp_path / "Arm.mo"
-    path.write_bytes(MO)
-    v = [-1.0, 1.0]
-    dfc.simulators.to_modelica({"elbow": PLAIN, "wrist": PLAIN}, path, velocities=v)
-    table = b"tau_pos=[0, 1.2; 1, 1.5]"
-    right = MO.replace(b"tau_pos=[0, 1; 2, 3]", table).replace(
-        b"w(start=0))", b"w(start=0), peak=1)"
-    )
+def test_modelica_keeps_every_other_byte(modelica):
+    joints, table = {"elbow": PLAIN, "wrist": PLAIN}, b"tau_pos=[0, 1.2; 1, 1.5]"
+    dfc.simulators.to_modelica(joints, modelica, velocities=[-1.0, 1.0])
+    right = MO.replace(b"tau_pos=[0, 1; 2, 3]", table)
+    right = right.replace(b"w(start=0))", b"w(start=0), peak=1)")
     right = right.replace(b"wrist;", b"wrist(" + table + b", peak=1);")
-    assert path.read_bytes() == right
+    assert modelica.read_bytes() == right
 
 
-def test_modelica_without_a_value_is_refused_and_kept(tmp_path):
-    path = tmp_path / "Arm.mo"
+def test_modelica_without_a_value_is_refused_and_kept(modelica):
     damaged = MO.replace(b"tau_pos=[0, 1; 2, 3]", b"tau_pos=)0, 1; 2, 3]")
-    path.write_bytes(damaged)
+    modelica.write_bytes(damaged)
     with pytest.raises(ValueError, match="'elbow': tau_pos has no value"):
-        dfc.simulators.to_modelica({"elbow": PLAIN}, path, velocities=[-1.0, 1.0])
-    assert path.read_bytes() == damaged
+        dfc.simulators.to_modelica({"elbow": PLAIN}, modelica, velocities=[-1.0, 1.0])
+    assert modelica.read_bytes() == damaged
 
 
-def test_modelica_states_a_stribeck_peak(tmp_path):
-    path = tmp_path / "Arm.mo"
-    path.write_bytes(MO)
+def test_modelica_states_a_stribeck_peak(modelica):
     axis = PEAK.replace(coulomb=1.2)
-    found = dfc.simulators.to_modelica({"elbow": axis}, path)
+    found = dfc.simulators.to_modelica({"elbow": axis}, modelica)
     rows = np.array(found.values["elbow"]["table"])
     at = rows[rows[:, 0] > 0.0]
     friction = friction_over_velocity(axis, at[:, 0], 0.0)
@@ -161,9 +153,8 @@ def test_isaac_states_the_breakaway(tmp_path):
     values = {name: one["elbow"] for name, one in space["JOINT_FRICTION"].items()}
     assert values["friction"] == pytest.approx(1.4 * 1.2)
     assert values["armature"] == pytest.approx(0.2)
-    assert values["dynamic_friction"] == pytest.approx(
-        found.values["elbow"]["dynamic_friction"], rel=1e-5
-    )
+    dynamic = found.values["elbow"]["dynamic_friction"]
+    assert values["dynamic_friction"] == pytest.approx(dynamic, rel=1e-5)
     assert not any("breakaway" in one.what for one in found.lost)
 
 
@@ -188,33 +179,32 @@ def test_a_fit_has_errors_and_free_runs(fitted, arm):
     found = dfc.to_mjcf(fitted, arm, load=0.05)
     values, errors = found.values["elbow"], found.standard_errors["elbow"]
     assert values["frictionloss"] == pytest.approx(1.2, rel=1e-3)
-    assert errors["armature"] == pytest.approx(fitted.standard_errors["mass"], rel=1e-3)
-    assert errors["damping"] == pytest.approx(fitted.standard_errors["viscous"], rel=1e-3)
-    assert errors["frictionloss"] == pytest.approx(fitted.standard_errors["coulomb"], rel=1e-3)
+    names = {"armature": "mass", "damping": "viscous", "frictionloss": "coulomb"}
+    right = {new: fitted.standard_errors[old] for new, old in names.items()}
+    assert errors == pytest.approx(right, rel=1e-3)
     whole, less = found.free_runs["elbow"]
     assert less == pytest.approx(whole, rel=1e-6)  # nothing is lost of a plain axis
     assert found.lost == ()
     assert "written: arm.xml" in found.summary()
 
 
-def test_a_modelica_table_of_few_velocities_is_the_curve(tmp_path):
+def test_a_modelica_table_of_few_velocities_is_the_curve(modelica):
     """A knot between the samples would be free, and its friction zero."""
-    path, speeds = tmp_path / "Arm.mo", np.array([0.1, 0.5, 1.0])
-    path.write_bytes(MO)
-    dfc.simulators.to_modelica(PLAIN, path, velocities=np.r_[speeds, -speeds])
-    (table,) = re.findall(rb"tau_pos=\[([\d., ;e-]*)\],\s*w\(start", path.read_bytes())
+    speeds = np.array([0.1, 0.5, 1.0])
+    dfc.simulators.to_modelica(PLAIN, modelica, velocities=np.r_[speeds, -speeds])
+    (table,) = re.findall(rb"tau_pos=\[([\d., ;e-]*)\],\s*w\(start", modelica.read_bytes())
     rows = [[float(cell) for cell in row.split(b",")] for row in table.split(b";")]
     expected = [[0.0, 1.2], *([w, 1.2 + 0.3 * w] for w in speeds)]
     np.testing.assert_allclose(rows, expected, rtol=1e-5)
 
 
-def driven(mujoco, path, u, joint="elbow"):
-    """Positions of the joint in MuJoCo under a held torque."""
+def driven(mujoco, path, u):
+    """Positions of the elbow in MuJoCo under a held torque."""
     model = mujoco.MjModel.from_xml_path(str(path))
     model.opt.timestep = DT
     model.opt.gravity[:] = 0.0
     data = mujoco.MjData(model)
-    at = model.joint(joint).dofadr[0]
+    at = model.joint("elbow").dofadr[0]
     x = []
     for one in u:
         x.append(data.qpos[at])
@@ -227,10 +217,7 @@ def driven(mujoco, path, u, joint="elbow"):
 def test_round_trip_through_mujoco(arm, stiff, most):
     """MuJoCo driven as the record against `simulate`; its friction is soft, see howto/simulator."""
     mujoco = pytest.importorskip("mujoco")
-    text = arm.read_bytes().replace(
-        b'<joint name="slider" type="slide" axis="0 0 1" class="x > y"/>', b""
-    )
-    arm.write_bytes(text)
+    arm.write_bytes(re.sub(rb'<joint name="slider".*/>', b"", MJCF))
     found = dfc.to_mjcf(PLAIN, arm, stiff=stiff)
     # Of the bodies: 0.05 + 1e-3 + 1e-3 m^2 kg of the outer one.
     assert found.values["elbow"]["armature"] == pytest.approx(0.25 - 0.052)

@@ -8,6 +8,7 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.__main__ import main
+from dryfric_control._version import __version__
 from dryfric_control.records.scaling import read_sampling
 from dryfric_control.store.axis_file import axis_text
 
@@ -51,10 +52,8 @@ def run(tmp_path, monkeypatch):
     return command
 
 
-def table(heading, columns, comma="."):
-    rows = (
-        ";".join(f"{v:.6f}".replace(".", comma) for v in row) for row in zip(*columns, strict=True)
-    )
+def table(heading, columns):
+    rows = (";".join(f"{v:.6f}" for v in row) for row in zip(*columns, strict=True))
     return "\n".join([heading, *rows])
 
 
@@ -82,18 +81,18 @@ def test_gains_and_numbers_of_the_machine(run, tmp_path):
     record = run(text, "--gain", "u=2,x=1e-6", "--units", "x=m, u=N")
     np.testing.assert_allclose(record.x, 1e-6 * counts)
     np.testing.assert_allclose(record.u, 200.0 * X, atol=1e-6)
-    (tmp_path / "axis.toml").write_text(
-        AXIS + "[record]\ncounts_per_turn = 4096\nlead = 5e-3\nrated_force = 100.0\n"
-    )
+    numbers = "[record]\ncounts_per_turn = 4096\nlead = 5e-3\nrated_force = 100.0\n"
+    (tmp_path / "axis.toml").write_text(AXIS + numbers)
     np.testing.assert_allclose(run(text).u, 100.0 * X, atol=1e-6)
     np.testing.assert_allclose(run(text, "--rated-force", "200").u, 200.0 * X, atol=1e-6)
 
 
-@pytest.mark.parametrize("command", ["demo", "diagnose", "joints", "export", "simulator"])
-def test_help_can_be_printed(command, capsys):
+@pytest.mark.parametrize("command", ["demo", "diagnose", "joints", "export", "simulator", ""])
+def test_help_and_version_can_be_printed(command, capsys):
     with pytest.raises(SystemExit) as end:
-        main([command, "--help"])
-    assert end.value.code == 0 and "--out " in capsys.readouterr().out
+        main([command, "--help"] if command else ["--version"])
+    assert end.value.code == 0
+    assert ("--out " if command else __version__) in capsys.readouterr().out
 
 
 def test_the_axis_file_says_how_records_are_sampled(run, tmp_path):
@@ -114,63 +113,53 @@ def test_the_axis_file_says_how_records_are_sampled(run, tmp_path):
     [
         (AXIS + "[record]\ndt = 0.0\n", "axis.toml: record.dt must be more than zero"),
         (AXIS + '[record]\nmax_gap = "5 ms"\n', "axis.toml: record.max_gap must be a number"),
-        (AXIS + "[record]\nmax_gpa = 0.02\n", "Did you mean 'max_gap'?"),
-        (
-            AXIS + "[record]\ncounts_per_trun = 4096\n",
-            "record.counts_per_trun is not known. Did you mean 'counts_per",
-        ),
-        (
-            "inertia = 0.02\nviscous = 0.1\ncoulomb = 0.5\n",
-            'write mass = 0.02, the inertia with units = ["rad", "N m"]',
-        ),
+        (AXIS + "[record]\nmax_gpa = 0.02\n", "record.max_gpa is not known. Did you mean 'max_gap'?"),
+        ("inertia = 0.02\nviscous = 0.1\ncoulomb = 0.5\n",
+         'write mass = 0.02, the inertia with units = ["rad", "N m"]'),
     ],
-)
+)  # fmt: skip
 def test_what_is_wrong_in_an_axis_file_is_told(run, tmp_path, capsys, text, words):
     (tmp_path / "axis.toml").write_text(text)
     assert run(table("t;u;x", (T, X, X))) is None
     assert words in capsys.readouterr().err
 
 
-RUN = ["diagnose", "a.csv", "--axis", "a"]
-
-
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("command", "words"),
     [
-        ([], "required: {demo,diagnose,joints,export,simulator}"),
-        ([*RUN, "--windows", "3"], "known. Did you mean '--window'?"),
-        ([*RUN, "--window", "abc"], "'abc'"),
-        (["export", "a.toml", "--to", "c", "--tol", "3"], "export: --tol 3 is not known"),
-        ([*RUN, "--tolerance", "mass"], "'mass' must be such as visc"),
-        ([*RUN, "--tolerance", "mass=x"], "such as viscous=0.5"),
-        ([*RUN, "--columns", "force"], "'force' must be such as u=force"),
-        ([*RUN, "--gain", "u=two"], "--gain"),
+        ("", "required: {demo,diagnose,joints,export,simulator}"),
+        ("diagnose a.csv --axis a --windows 3", "known. Did you mean '--window'?"),
+        ("diagnose a.csv --axis a --window abc", "'abc'"),
+        ("export a.toml --to c --tol 3", "export: --tol 3 is not known"),
+        ("diagnose a.csv --axis a --tolerance mass", "'mass' must be such as visc"),
+        ("diagnose a.csv --axis a --tolerance mass=x", "such as viscous=0.5"),
+        ("diagnose a.csv --axis a --columns force", "'force' must be such as u=force"),
+        ("diagnose a.csv --axis a --gain u=two", "--gain"),
     ],
 )
-def test_what_cannot_be_parsed_is_told_in_one_line(arguments, words, capsys):
+def test_what_cannot_be_parsed_is_told_in_one_line(command, words, capsys):
     with pytest.raises(SystemExit) as ended:
-        main(arguments)
+        main(command.split())
     assert ended.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line and "--help" in line
 
 
 @pytest.mark.parametrize(
-    ("option", "words"),
+    ("file", "options", "words"),
     [
-        (["--to", "c", "--version", "2.0"], "--version 2.0 is for --to fmu: leave it out"),
-        (["--to", "fmu", "--precision", "single"], "--precision single is for --to c: leave it"),
-        (["--to", "c", "--name", "a b"], "give --name"),
+        ("axis.toml", "--to c --version 2.0", "--version 2.0 is for --to fmu: leave it out"),
+        ("axis.toml", "--to fmu --precision single", "--precision single is for --to c: leave it"),
+        ("axis.toml", "--to c --name a+b", "give --name"),
+        ("other.json", "--to c", "can not be exported: give an axis"),
     ],
 )
-def test_an_option_of_export_without_effect_is_refused(tmp_path, capsys, option, words):
+def test_an_export_that_makes_no_sense_is_refused(tmp_path, capsys, file, options, words):
     (tmp_path / "axis.toml").write_text(AXIS)
     (tmp_path / "other.json").write_text("[1]")
     out = tmp_path / "out"
-    assert main(["export", str(tmp_path / "axis.toml"), "--out", str(out), *option]) == 2
+    assert main(["export", str(tmp_path / file), "--out", str(out), *options.split()]) == 2
     assert words in capsys.readouterr().err and not out.exists()
-    assert main(["export", str(tmp_path / "other.json"), "--to", "c"]) == 2
-    assert "can not be exported: give an axis" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -179,7 +168,6 @@ def test_an_option_of_export_without_effect_is_refused(tmp_path, capsys, option,
         (table("u;x", (X, X)), "Without a column of time give --rate [samples per s]."),
         ("t [s],u [N],x [m]\n", "run.csv holds a heading and no data rows"),
         (table("t;u;x", (T[:5], X[:5], X[:5])), "run.csv: 5 samples are too few"),
-        (table("t;u;x", (T[::-1], X, X)), "run.csv: t goes back"),
         (table("t;u;x", (T, X, np.where(T > 0.1, np.nan, X))), "remove these rows, or give --dt"),
         (table("t;u;x", (T, X, X)).replace(";0.000200;", ";;", 1), "empty; give --dt"),
         (table("t;u1;u2;x1;x2", (T, X, X, X, X)), "say which: --columns u=..., or one joint: --joint"),
@@ -198,31 +186,21 @@ def test_a_file_that_cannot_be_used_is_told_by_name_and_option(run, capsys, text
 def test_a_warning_is_one_line_that_names_options(run, capsys):
     run(table("t;u;x", (1e3 * T, X, X)))
     lines = capsys.readouterr().err.splitlines()
-    assert lines[0].endswith(
-        "warning: dt = 1 s: time suspected in milliseconds; then give --units t=ms"
-    )
+    words = "warning: dt = 1 s: time suspected in milliseconds; then give --units t=ms"
+    assert lines[0].endswith(words)
     assert all(line.startswith("python -m dryfric_control: ") for line in lines)
 
 
-@pytest.fixture
-def written(tmp_path, monkeypatch):
-    """The command without options, and what it would write of a diagnosis that it does not make."""
-    kept, report = [], importlib.import_module(ROOM)
+def test_the_extended_axis_reads_records_as_the_nominal_one_did(tmp_path, monkeypatch):
+    room, kept = importlib.import_module(ROOM), []
     found = SimpleNamespace(summary=lambda: "verdict: explained")
-    monkeypatch.setattr(importlib.import_module(ROOM), "diagnose", lambda *_, **__: found)
-    monkeypatch.setattr(report, "write_report", lambda found, folder, record: kept.append(record))
-    (tmp_path / "axis.toml").write_text(AXIS)
-    (tmp_path / "run.csv").write_text(table("t;u;x", (T, X, X)))
-    files = [str(tmp_path / "run.csv"), "--axis", str(tmp_path / "axis.toml")]
-    return ["diagnose", *files, "--out", str(tmp_path / "out")], kept, report
-
-
-def test_the_extended_axis_reads_records_as_the_nominal_one_did(tmp_path, written):
-    command, kept, _ = written
+    monkeypatch.setattr(room, "diagnose", lambda *_, **__: found)
+    monkeypatch.setattr(room, "write_report", lambda found, folder, record: kept.append(record))
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "axis.toml").write_text(AXIS + "[record]\nlead = 5e-3\nmax_gap = 0.02\n")
     (tmp_path / "run.csv").write_text(table("t;u;x [counts]", (T, X, np.round(1e5 * X))))
-    command += ["--counts-per-turn", "4096", "--load-encoder", "--gain", "2", "--dt", "0.001"]
-    assert main(command) == 0
+    options = "--counts-per-turn 4096 --load-encoder --gain 2 --dt 0.001 --out out"
+    assert main(["diagnose", "run.csv", "--axis", "axis.toml", *options.split()]) == 0
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=dfc.effects.Spring(40.0))
     file = tmp_path / "extended.toml"
     file.write_text(axis_text(axis, kept[0]))
@@ -233,22 +211,17 @@ def test_the_extended_axis_reads_records_as_the_nominal_one_did(tmp_path, writte
     assert read_sampling(file) == {"dt": 1e-3, "max_gap": 0.02}
 
 
-@pytest.mark.parametrize(
-    ("option", "words"),
-    [
-        (("--window", "-1"), "window must be more than zero [s], got -1.0"),
-        (("--time-limit", "0"), "time_limit must be more than zero [s], got 0.0"),
-        (("--known", "gravity"), "known: 'gravity' is no base parameter"),
-        (("--axis", "axsi.toml"), "Did you mean 'axis.toml'?"),
-    ],
-)
-def test_arguments_are_refused_before_a_record_is_read(
-    option, words, tmp_path, monkeypatch, capsys
-):
+def test_arguments_are_refused_before_a_record_is_read(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "axis.toml").write_text(AXIS)
-    assert main(["diagnose", "nowhere.csv", "--axis", "axis.toml", *option]) == 2
-    assert words in capsys.readouterr().err
+    for option, words in (
+        ("--window -1", "window must be more than zero [s], got -1.0"),
+        ("--time-limit 0", "time_limit must be more than zero [s], got 0.0"),
+        ("--known gravity", "known: 'gravity' is no base parameter"),
+        ("--axis axsi.toml", "Did you mean 'axis.toml'?"),
+    ):
+        assert main(["diagnose", "nowhere.csv", "--axis", "axis.toml", *option.split()]) == 2
+        assert words in capsys.readouterr().err
 
 
 def test_an_interrupt_is_one_line_and_status_130(monkeypatch, capsys, tmp_path):

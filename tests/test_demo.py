@@ -8,7 +8,6 @@ import pytest
 
 from dryfric_control import demo
 from dryfric_control.__main__ import main
-from dryfric_control._version import __version__
 from dryfric_control.store.axis_file import read_axis
 
 EMPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
@@ -38,8 +37,7 @@ def test_demo_makes_its_own_record_and_recovers_it(made):
     assert replayed["amplitude"] == pytest.approx(measured["amplitude"], rel=0.1)
     assert replayed["period"] == pytest.approx(measured["period"], rel=0.1)
     assert (folder / demo.SYSTEM.name).read_bytes() == demo.SYSTEM.read_bytes()
-    leftovers = [path for path in folder.iterdir() if path.suffix == ".part"]
-    assert not leftovers
+    assert not [*folder.glob("*.part")]
 
 
 def test_demo_ends_with_a_diagnosis_and_its_report(made):
@@ -60,10 +58,3 @@ def test_demo_recovers_the_mass_of_the_emps_record():
     assert summary["parameters"]["mass"] == pytest.approx(95.1, rel=0.03)
     assert summary["held_out_closed_loop"]["relative_force"] < 0.1
     assert "held_out_closed_loop" in figures
-
-
-def test_version_is_the_package_s(capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(["--version"])
-    assert stop.value.code == 0
-    assert __version__ in capsys.readouterr().out

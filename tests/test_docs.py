@@ -1,7 +1,5 @@
 """Every public name is documented, and what the pages show runs."""
 
-from __future__ import annotations
-
 import ast
 import builtins
 import dataclasses
@@ -25,15 +23,15 @@ import dryfric_control as dfc
 from dryfric_control.model.effects.effect import REGISTRY
 
 ROOT = Path(__file__).resolve().parent.parent
-GUIDES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs" / "howto").glob("*.md"))
-PAGES = [
-    "README.md",
-    "docs/index.md",
-    "docs/tutorial.md",
-    "docs/observer.md",
-    "docs/effects.md",
-    *GUIDES,
-]
+
+
+def files(*patterns):
+    """Paths of what fits, from the root, in order."""
+    return sorted(str(path.relative_to(ROOT)) for one in patterns for path in ROOT.glob(one))
+
+
+PAGES = ["README.md", "docs/index.md", "docs/tutorial.md", "docs/observer.md", "docs/effects.md"]
+PAGES += files("docs/howto/*.md")
 
 
 def extension(name):
@@ -52,43 +50,26 @@ ITEMS = {
 }
 #: An exception or warning takes a message, as every one does.
 EXCEPTIONS = [n for n, it in ITEMS.items() if inspect.isclass(it) and issubclass(it, Exception)]
-
-
-def own_methods(cls):
-    """Public methods and properties that a class of the package defines itself."""
-    for name, item in vars(cls).items():
-        # `law` is the equation of an effect; the class documents it.
-        if name.startswith("_") or (name == "law" and issubclass(cls, dfc.effects.Effect)):
-            continue
-        if isinstance(item, (classmethod, staticmethod)):
-            yield name, getattr(cls, name)  # with the text of the class it overrides
-        elif inspect.isfunction(item):
-            yield name, item
-
-
+#: Public methods that a class of the package defines itself.
 METHODS = {
-    f"{name}.{method}": function
+    f"{name}.{method}": getattr(cls, method)  # with the text of the class it overrides
     for name, cls in ITEMS.items()
     if inspect.isclass(cls)
-    for method, function in own_methods(cls)
+    for method, item in vars(cls).items()
+    if isinstance(item, (classmethod, staticmethod)) or inspect.isfunction(item)
+    # `law` is the equation of an effect; the class documents it.
+    if method[0] != "_" and not (method == "law" and issubclass(cls, dfc.effects.Effect))
 }
 
 
 def parsed(item):
-    text = inspect.getdoc(item) or ""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # numpydoc warns of sections it does not know
-        return NumpyDocString(text)
+    with warnings.catch_warnings(action="error"):  # numpydoc warns of sections it does not know
+        return NumpyDocString(inspect.getdoc(item) or "")
 
 
 def names_in(section):
     """Names of a section, "x0, v0" taken apart and the stars of **options taken off."""
     return [name.lstrip("*") for part in section for name in re.split(r"\s*,\s*", part.name)]
-
-
-def arguments(item):
-    """Names that a user may pass, in order."""
-    return [name for name in inspect.signature(item).parameters if not name.startswith("_")]
 
 
 DOCUMENTED = ITEMS | METHODS
@@ -105,8 +86,8 @@ def test_a_docstring_has_a_short_summary_and_the_parameters_of_the_signature(nam
         # A result that the package makes and the user reads: its fields.
         documented = names_in(doc["Attributes"])
     if name not in EXCEPTIONS:
-        wanted = arguments(item)
-        assert documented == [w for w in wanted if name in ITEMS or w not in ("self", "cls")]
+        asked = [one for one in inspect.signature(item).parameters if not one.startswith("_")]
+        assert documented == [one for one in asked if name in ITEMS or one not in ("self", "cls")]
 
 
 @pytest.mark.parametrize("name", ITEMS)
@@ -166,26 +147,17 @@ def test_reference_lists_every_public_name():
 
 
 def test_files_that_a_benchmark_names_exist():
-    named = {
-        (script.name, path)
-        for script in (ROOT / "benchmarks").glob("*.py")
-        for path in re.findall(
-            r"\b(?:tests|benchmarks|dryfric_control)/[\w/]+\.py", script.read_text()
-        )
-    }
+    scripts = "".join(script.read_text() for script in (ROOT / "benchmarks").glob("*.py"))
+    named = set(re.findall(r"\b(?:tests|benchmarks|dryfric_control)/[\w/]+\.py", scripts))
     assert len(named) > 20
     # The suite runs away from the sources of the package, too.
     own = Path(dfc.__file__).parents[1]
-    assert not [row for row in named if not any((at / row[1]).is_file() for at in (ROOT, own))]
+    assert not [path for path in named if not any((at / path).is_file() for at in (ROOT, own))]
 
 
 #: Every page that is read as it is, on a code host too.
-MARKDOWN = sorted(
-    str(path.relative_to(ROOT))
-    for place in ("", "benchmarks", "docs", "docs/*")
-    for path in ROOT.glob(f"{place}/*.md" if place else "*.md")
-)
-NOTEBOOKS = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "notebooks").glob("*.ipynb"))
+MARKDOWN = files("*.md", "benchmarks/*.md", "docs/*.md", "docs/*/*.md")
+NOTEBOOKS = files("notebooks/*.ipynb")
 
 
 def prose(path):
@@ -232,9 +204,8 @@ def test_names_of_the_package_on_a_page_exist(page):
 
 
 def test_every_page_with_code_is_run():
-    assert {page for page in MARKDOWN if "```python" in (ROOT / page).read_text("utf-8")} <= {
-        *PAGES
-    }
+    with_code = {page for page in MARKDOWN if "```python" in (ROOT / page).read_text("utf-8")}
+    assert with_code <= {*PAGES}
 
 
 @pytest.fixture

@@ -227,10 +227,9 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
         structured = structured or far_above(*_but_the_worst(squares[2], replays))
     left = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))
     nominal, there, noise = (math.sqrt(float(np.median(row))) for row in rows)
-    # A single window with a mistimed breakaway may give the RMS its size.
-    worse = there > max(WORSE * nominal, noise) or (
-        gain.after > gain.floor and gain.interval[1] < 1.0 / WORSE
-    )
+    # A single window with a mistimed breakaway may give the RMS its size.  Errors that grow for
+    # certain are no noise, however large the model says that it is.
+    worse = there > max(WORSE * nominal, noise) or gain.interval[1] < 1.0 / WORSE
     return Judged(gain, left, worse)
 
 

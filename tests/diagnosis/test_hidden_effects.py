@@ -130,6 +130,15 @@ def test_a_clean_record_is_not_accused(seed):
 
 
 @pytest.mark.slow
+def test_a_cause_with_which_free_runs_err_more_is_none():
+    # A play with much random force foresees the resting readings of a coarse encoder better.
+    case = make_null(93, "coarse")
+    with among("backlash"):
+        found = dfc.diagnose(believed(case), record(case), jobs=1, progress=False)
+    assert causes(found) == [], str(found)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seed"), [("impacts", 1), ("lost_steps", 3), ("wandering_friction", 1)]
 )

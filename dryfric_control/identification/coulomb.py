@@ -205,7 +205,8 @@ def identify_coulomb(
     for s, name in _WAYS.items():
         own = pieces.only(pieces.direction == s)
         blocks = crawl.blocks_of(own)
-        given, count = (own, s * force[pieces.direction == s], travel, blocks), blocks.max() + 1
+        given = (own, s * force[pieces.direction == s], travel, blocks)
+        count = int(blocks.max()) + 1
         if degree is None:
             held_out[s], fits[s] = crawl.best_level(*given)
         elif degree > count - 3:

@@ -89,7 +89,7 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
                 means = far, place, w @ record.u[c:d], speed, rise
                 unsure = noise * np.hypot(v[c], v[d]) / far
                 rows.append((*means, way, number, v[c], v[d], record.t[c], unsure))
-    columns = np.reshape(rows, (-1, 11)).T
+    columns = np.array(rows, float).reshape(-1, 11).T
     return Pieces(*columns[:5], *columns[5:7].astype(np.int64), *columns[7:])
 
 

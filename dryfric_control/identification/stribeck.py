@@ -119,8 +119,9 @@ class StribeckIdentification(Result):
             reach = 6.0 * self.measured.period
             shown = (record.t > middle - reach) & (record.t < middle + reach)
             axes[1].set_xlim(record.t[shown][0], record.t[shown][-1])
-            low, high = record.u[shown].min(), record.u[shown].max()
-            axes[1].set_ylim(low - 0.2 * (high - low), high + 0.2 * (high - low))
+            weak, strong = float(record.u[shown].min()), float(record.u[shown].max())
+            room = 0.2 * (strong - weak)
+            axes[1].set_ylim(weak - room, strong + room)
         return f"{self.axis.name}: stick-slip"
 
 

@@ -506,8 +506,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         d = min(longest, bound - tau, side.numbers[step.SHORT_TIME])
         end, m4, k4, error = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d)
         pace = abs(at.p) + sigma + d * abs(k1)
-        if two:
-            pace += abs(at.v) + d * abs(m1)
+        pace = pace + (abs(at.v) + d * abs(m1)) if two else pace
         allowed = step.TOLERANCE * pace + side.numbers[step.ALLOWED]
         divisible = d > step.SHORTEST * h
         if divisible:

@@ -784,9 +784,7 @@ def _innovations(
         t = t0 + (k - 1) * dt
         end = u[k] if first else u[k - 1]
         x, v, mode = memory[step.X], memory[step.V], int(memory[step.MODE])
-        if on_load:
-            v += memory[step.SLIP]
-        before = v
+        before = v = v + memory[step.SLIP] if on_load else v
         # Motor and load that touch across a play are one mass.
         two = play and not on_load and not _touching(plant, m)
         loose, two = two and on_motor, two and not on_motor
@@ -840,9 +838,8 @@ def _innovations(
                 # Across the play nothing holds the motor.
                 by_x, by_v, variance = 0.0, 0.0, force
             if loose:
-                lighter, inverse = _alone(plant) / inverse, _alone(plant)
-                if sliding:
-                    by_x, by_v = lighter * by_x, lighter * by_v
+                lighter = _alone(plant) / inverse if sliding else 1.0
+                by_x, by_v, inverse = lighter * by_x, lighter * by_v, _alone(plant)
             sticking = contact and not sliding and not two
             unknown = 0.0 if sliding else unknown
             if sticking and not strained:

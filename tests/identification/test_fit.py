@@ -231,7 +231,9 @@ def swept(axis, gain=1.0, samples=4000):
 
 def test_a_parameter_far_from_its_start_is_said_and_one_near_it_is_not():
     """A drive in other units ended silently at a mass 100 times the start."""
-    with pytest.warns(FitWarning, match="mass ended 100 times above .*gain=") as told:
+    with pytest.warns(
+        FitWarning, match="mass ended 100 times above its start value .*gain="
+    ) as told:
         found = fit(TRUE, swept(TRUE, 100.0))
     (said,) = [m for m in found.messages if "start value" in m]
     assert said in [str(one.message) for one in told]

@@ -348,6 +348,8 @@ def test_bad_samples_leave_the_stepper_as_it_was():
     with pytest.raises(ValueError, match="y must be a finite number"):
         stepper.step(1.0, math.nan)
     assert stepper.step(9.0, 1e-6) == twin.step(9.0, 1e-6)
+    with pytest.raises(ValueError, match="u has 3 samples and y 2"):
+        stepper.filter.run([1.0, 2.0, 3.0], [0.0, 0.0])
     with pytest.raises(ValueError, match="y is missing"):
         stepper.filter.run([1.0, 2.0])
     with pytest.warns(ObserverWarning, match="leaves out presliding"):

@@ -24,7 +24,6 @@ from dryfric_control.diagnosis.thresholds import (
     LOUDEST,
     NEIGHBOURS,
     PROPOSALS,
-    QUIET,
     QUIETEST,
     SAME,
     SETTLED,
@@ -231,15 +230,10 @@ class Gram:
                 # A secant is a column like others: its amount follows from the normal equations.
                 yield name, column, row[0], -math.inf if column.most < math.inf else row[1]
 
-    def _cost(self, likelihood: Likelihood, memory: bool) -> float:
-        """Cost in one pass, of what has a memory at the better of some noises."""
-        costs = []
-        for quieter in QUIET if memory else QUIET[:1]:
-            noises = self.noises.copy()
-            noises[::2] += 2.0 * math.log(quieter)
-            z = likelihood.start(noises=noises)
-            costs.append(profiled(likelihood, likelihood.tried(z)) + likelihood.prior(z))
-        return min(costs)
+    def _cost(self, likelihood: Likelihood) -> float:
+        """Cost in one pass, the size of all noises fitted."""
+        z = likelihood.start(noises=self.noises)
+        return profiled(likelihood, likelihood.tried(z)) + likelihood.prior(z)
 
     def _solved(
         self, sets: Sequence[Sequence[int]], moved: bool, signed: bool = True
@@ -470,7 +464,7 @@ class Gram:
                     )
                 except ValueError:
                     continue
-                cost = self._cost(likelihood, memory)
+                cost = self._cost(likelihood)
                 if math.isfinite(cost) and (other not in best or cost < best[other].cost):
                     best[other] = Proposal(names, axis, own, cost, predicted, held, memory)
         return [*best.values()]

@@ -34,6 +34,7 @@ from dryfric_control.diagnosis.thresholds import (
     NOTED,
     OUTSTANDING,
     PROPOSALS,
+    SCANNED,
     SLACK,
     STRONG,
     WALKED,
@@ -98,17 +99,29 @@ def walked(
     """
     start = z = with_force(likelihood, z)
     for factors in WALKED:
-        for j, p in enumerate(likelihood.parameters):
-            if p.name not in own or p.value(z[j]) == 0.0:
-                continue
-            tried = [z.copy() for _ in factors]
-            for new, factor in zip(tried, factors, strict=True):
-                new[j] = np.clip(
-                    p.search(factor * p.value(z[j])), likelihood.low[j], likelihood.high[j]
-                )
-            z = min((z, *tried), key=lambda at: likelihood.tried(at).cost)
+        z = along(likelihood, z, own, factors)
     # What a large random force hides is not decided there.
     return min((start, z), key=lambda at: likelihood.tried(with_noises(at, noises)).cost)
+
+
+def along(
+    likelihood: Likelihood, z: FloatArray, own: Sequence[str], factors: Sequence[float]
+) -> FloatArray:
+    """Each of some parameters in turn at the likeliest factor of its value.
+
+    A play that is wider than any crossing is as likely at any width: the right one is a ridge
+    beside a plain, and slopes do not lead there.
+    """
+    for j, p in enumerate(likelihood.parameters):
+        if p.name not in own or p.value(z[j]) == 0.0:
+            continue
+        tried = [z.copy() for _ in factors]
+        for new, factor in zip(tried, factors, strict=True):
+            new[j] = np.clip(
+                p.search(factor * p.value(z[j])), likelihood.low[j], likelihood.high[j]
+            )
+        z = min((z, *tried), key=lambda at: likelihood.tried(at).cost)
+    return z
 
 
 def with_noises(z: FloatArray, noises: FloatArray) -> FloatArray:
@@ -435,15 +448,13 @@ class Search:
                 likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
                 alike = noises.copy()  # a random force that accelerates as much
                 alike[::2] += 2.0 * math.log(one.axis.mass / now.axis.mass)
-                starts = [likelihood.start(noises=alike)]
+                z = likelihood.start(noises=alike)
                 if one.remembers:
-                    starts = [walked(likelihood, starts[0], one.free, alike)]
-                    # There the base takes up what the shape should, which may lead astray.
-                    starts.append(continued(likelihood, starts[0], until=problem.until))
-                fit = min(
-                    (held(likelihood, with_noises(z, alike), until=problem.until) for z in starts),
-                    key=cost_of,
-                )
+                    z = with_noises(walked(likelihood, z, one.free, alike), alike)
+                fit = held(likelihood, z, until=problem.until)
+                if one.remembers and math.isfinite(fit.cost):
+                    there = along(likelihood, fit.z, one.free, SCANNED)
+                    fit = held(likelihood, there, until=problem.until)
                 if not math.isfinite(fit.cost):
                     likelihood.at(fit.z)  # says why there is no such axis
                     return None

@@ -5,8 +5,8 @@ tied to an effect or a record.
 """
 
 # Noises of the pass at which effects are screened: bounds of the random force over the RMS
-# drive, factors of it at which a start is tried, and iterations for the size of all noises.
-QUIETEST, LOUDEST, QUIET, SETTLED = 0.03, 0.3, (1.0, 0.1), 12
+# drive, and iterations for the size of all noises.
+QUIETEST, LOUDEST, SETTLED = 0.03, 0.3, 12
 # Proposals: predicted gain beyond the logarithm of the number of shapes; number of single
 # effects, of joined ones, of other shapes that are tried; gain by which an exchange must help.
 CHANCE, PROPOSALS, JOINT, NEIGHBOURS, COINCIDE = 6.0, 6, 3, 3, 2.0
@@ -16,8 +16,10 @@ SAME = 0.3
 # Part of a force that counts as nothing: of that of an effect, which another leaves that acts
 # alike; of the friction, as a random force in which no cause is left to find.
 SAME_FORCE = 1e-3
-# Factors of the parameters of a shape with a memory that are tried at a large random force.
+# Factors of the parameters of a shape with a memory that are tried: at a large random force, and
+# where a first look ends, as finely as its ridges are wide.
 WALKED = ((0.3, 0.5, 0.7, 1.4, 2.0, 3.0), (0.85, 1.2))
+SCANNED = tuple(1.12**k for k in range(-18, 19) if k)
 # Full fits: slack within which a proposal is fitted on, the ratio of what it may still gain to
 # what its last step brought and promises, and the promise that ends a fit.
 SLACK, AHEAD, ENOUGH = 8.0, 5.0, 0.05

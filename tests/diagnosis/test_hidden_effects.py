@@ -106,6 +106,10 @@ BESIDE_PAIR = (
         ("saturation", 91, "decimated", 5000, ("saturation", "compliance")),
         # With much random force the base parameters take up what the shares of the masses do.
         ("backlash", 92, "exact", 20_000, ("backlash", "compliance")),
+        # The likeliest play of a quieter pass is wider than any crossing.
+        ("backlash", 96, "exact", 14_000, ("backlash", "compliance")),
+        # Such plays are a plain, the right one is a ridge beside it.
+        ("backlash", 82, "exact", 20_000, ("backlash", "compliance")),
     ],
 )
 def test_causes_are_named_beside_their_rivals(hidden, seed, condition, samples, candidates):

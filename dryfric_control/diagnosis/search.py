@@ -448,10 +448,15 @@ class Search:
                 likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
                 alike = noises.copy()  # a random force that accelerates as much
                 alike[::2] += 2.0 * math.log(one.axis.mass / now.axis.mass)
-                z = likelihood.start(noises=alike)
+                starts = [likelihood.start(noises=alike)]
                 if one.remembers:
-                    z = with_noises(walked(likelihood, z, one.free, alike), alike)
-                fit = held(likelihood, z, until=problem.until)
+                    starts = [walked(likelihood, starts[0], one.free, alike)]
+                    # There the base takes up what the shape should, which may lead astray.
+                    starts.append(continued(likelihood, starts[0], until=problem.until))
+                fit = min(
+                    (held(likelihood, with_noises(z, alike), until=problem.until) for z in starts),
+                    key=cost_of,
+                )
                 if one.remembers and math.isfinite(fit.cost):
                     there = along(likelihood, fit.z, one.free, SCANNED)
                     fit = held(likelihood, there, until=problem.until)

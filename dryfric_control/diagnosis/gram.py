@@ -24,6 +24,7 @@ from dryfric_control.diagnosis.thresholds import (
     LOUDEST,
     NEIGHBOURS,
     PROPOSALS,
+    QUIET,
     QUIETEST,
     SAME,
     SETTLED,
@@ -73,6 +74,7 @@ class Proposal:
     predicted: float  # gain of log-likelihood that the normal equations predict
     held: FrictionAxis | None = None  # the same with the base parameters of the model
     remembers: bool = False  # whether its shape was simulated
+    quieter: float = 1.0  # factor of the random force of the pass in which it gains most
 
 
 def raised(problem: Problem, fit: Solution) -> FloatArray:
@@ -205,17 +207,20 @@ class Gram:
             (name, one) for name, some in self._shapes.items() for one in some
             if not (one.force or one.reading)
         ]  # fmt: skip
-        before = profiled(self.here.likelihood, self.here.point)
+        same = self.here.likelihood is self.fit.problem
+        levels = self._levels if same or not tasks else self._costs(self.here.likelihood)
 
         def run(name: str, column: Column) -> tuple[FloatArray, float] | None:
             try:
                 start = with_effect(self.here.axis, name, column.values((1.0,)))
                 free = (*self.problem.free_of(self.fit), *start.free)
                 likelihood = self.problem.likelihood(start.axis, free)
-                point = likelihood.at(likelihood.start(noises=self.noises))
-                return self.here.of_change(point, _FAR)[:, None], before - profiled(
-                    likelihood, point
-                )
+                z = likelihood.start(noises=self.noises)
+                point = likelihood.at(z)
+                here = profiled(likelihood, point) + likelihood.prior(z)
+                costs = (here, *self._costs(likelihood, QUIET[1:]))
+                gain = max(level - one for level, one in zip(levels, costs, strict=True))
+                return self.here.of_change(point, _FAR)[:, None], gain
             except ValueError as problem:
                 self.fail(name, str(problem))
                 return None
@@ -230,10 +235,20 @@ class Gram:
                 # A secant is a column like others: its amount follows from the normal equations.
                 yield name, column, row[0], -math.inf if column.most < math.inf else row[1]
 
-    def _cost(self, likelihood: Likelihood) -> float:
-        """Cost in one pass, the size of all noises fitted."""
-        z = likelihood.start(noises=self.noises)
-        return profiled(likelihood, likelihood.tried(z)) + likelihood.prior(z)
+    def _costs(self, likelihood: Likelihood, parts: Sequence[float] = QUIET) -> list[float]:
+        """Costs in one pass at factors of the random force, the size of all noises fitted."""
+        costs = []
+        for part in parts:
+            noises = self.noises.copy()
+            noises[::2] += 2.0 * math.log(part)
+            z = likelihood.start(noises=noises)
+            costs.append(profiled(likelihood, likelihood.tried(z)) + likelihood.prior(z))
+        return costs
+
+    @cached_property
+    def _levels(self) -> list[float]:
+        """The same of the model: a cost says nothing beside one at another random force."""
+        return self._costs(self.problem.likelihood(self.fit.axis, self.problem.free_of(self.fit)))
 
     def _solved(
         self, sets: Sequence[Sequence[int]], moved: bool, signed: bool = True
@@ -435,7 +450,7 @@ class Gram:
 
     def _starts(self, predicted: float, chosen: list[int]) -> list[Proposal]:
         """The likeliest start in one pass, and that in another form, if there are any."""
-        best = dict[bool, Proposal]()
+        best = dict[tuple[bool, float], Proposal]()
         held = next(self._axes(chosen), (None, ()))[0]
         options = [chosen]
         for k, g in enumerate(chosen):
@@ -464,9 +479,13 @@ class Gram:
                     )
                 except ValueError:
                     continue
-                cost = self._cost(likelihood)
-                if math.isfinite(cost) and (other not in best or cost < best[other].cost):
-                    best[other] = Proposal(names, axis, own, cost, predicted, held, memory)
+                parts = QUIET if memory else QUIET[:1]
+                costs = self._costs(likelihood, parts)
+                for part, cost, level in zip(parts, costs, self._levels, strict=False):
+                    cost += self._levels[0] - level
+                    key = other, part
+                    if math.isfinite(cost) and (key not in best or cost < best[key].cost):
+                        best[key] = Proposal(names, axis, own, cost, predicted, held, memory, part)
         return [*best.values()]
 
     def _axes(self, chosen: Sequence[int]) -> Iterator[tuple[FrictionAxis, tuple[str, ...]]]:

@@ -48,8 +48,8 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
 
 FloatArray = NDArray[np.float64]
-#: Causes, their free parameters, and whether they are instead of the base.
-_Start = tuple[frozenset[str], frozenset[str], bool]
+#: Causes, their free parameters, the random force, and whether they are instead of the base.
+_Start = tuple[frozenset[str], frozenset[str], float, bool]
 
 
 def evidence(less: Solution, more: Solution, odds: Sequence[float] = (0.0,)) -> float:
@@ -439,15 +439,18 @@ class Search:
         problem, free = self.problem, self.problem.free_of(now)
 
         # A proposal must gain at the noises at which it was proposed, where the cost is smooth.
-        noises = raised(problem, now)
+        noises, levels = raised(problem, now), dict[float, float]()
         model = problem.likelihood(now.axis, free, each=each_of(now))
-        level = held(model, model.start(noises=noises), until=problem.until).cost
+        for part in {one.quieter for one in proposals}:
+            z = model.start(noises=noises)
+            z[-noises.size :: 2] += 2.0 * math.log(part)
+            levels[part] = held(model, z, until=problem.until).cost
 
         def first(one: Proposal) -> Look | None:
             try:
                 likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
                 alike = noises.copy()  # a random force that accelerates as much
-                alike[::2] += 2.0 * math.log(one.axis.mass / now.axis.mass)
+                alike[::2] += 2.0 * math.log(one.quieter * one.axis.mass / now.axis.mass)
                 starts = [likelihood.start(noises=alike)]
                 if one.remembers:
                     starts = [walked(likelihood, starts[0], one.free, alike)]
@@ -463,9 +466,9 @@ class Search:
                 if not math.isfinite(fit.cost):
                     likelihood.at(fit.z)  # says why there is no such axis
                     return None
-                if level - fit.cost + AHEAD * fit.promised < 0.5 * self._needed(one):
+                smooth = levels[one.quieter] - fit.cost
+                if smooth + AHEAD * fit.promised < 0.5 * self._needed(one):
                     return None
-                smooth = level - fit.cost
                 fit = maximise(likelihood, fit.z, FEW, problem.until, True)
                 return Look(one, fit, fit.promised, (smooth, now.cost - fit.cost))
             except (ValueError, ArithmeticError) as wrong:
@@ -722,8 +725,8 @@ class Search:
 
 
 def _start_of(one: Proposal) -> _Start:
-    """What tells starts of fits apart: the causes, and whether they are instead of the base."""
-    return frozenset(one.names), frozenset(one.free), one.held is None
+    """What tells starts of fits apart: causes, random force, whether instead of the base."""
+    return frozenset(one.names), frozenset(one.free), one.quieter, one.held is None
 
 
 def _own(free: Sequence[str], name: str) -> tuple[str, ...]:

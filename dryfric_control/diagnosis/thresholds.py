@@ -5,8 +5,8 @@ tied to an effect or a record.
 """
 
 # Noises of the pass at which effects are screened: bounds of the random force over the RMS
-# drive, and iterations for the size of all noises.
-QUIETEST, LOUDEST, SETTLED = 0.03, 0.3, 12
+# drive, factors of it at which what remembers is tried, and iterations for the size of all noises.
+QUIETEST, LOUDEST, QUIET, SETTLED = 0.03, 0.3, (1.0, 0.1), 12
 # Proposals: predicted gain beyond the logarithm of the number of shapes; number of single
 # effects, of joined ones, of other shapes that are tried; gain by which an exchange must help.
 CHANCE, PROPOSALS, JOINT, NEIGHBOURS, COINCIDE = 6.0, 6, 3, 3, 2.0

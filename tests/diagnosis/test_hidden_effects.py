@@ -106,6 +106,8 @@ BESIDE_PAIR = (
         ("saturation", 91, "decimated", 5000, ("saturation", "compliance")),
         # With much random force the base parameters take up what the shares of the masses do.
         ("backlash", 92, "exact", 20_000, ("backlash", "compliance")),
+        # Its load swings too fast for a force that follows, and only a small random force shows it.
+        ("compliance", 93, "short", 6000, ("compliance", "presliding", "backlash")),
         # The likeliest play of a quieter pass is wider than any crossing.
         ("backlash", 96, "exact", 14_000, ("backlash", "compliance")),
         # Such plays are a plain, the right one is a ridge beside it.

@@ -9,14 +9,13 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy import signal
 
 from dryfric_control.model.effects.columns import Column, View, simulated
 from dryfric_control.model.effects.effect import BaseAxis, Effect, Inner, parameter, register_effect
 from dryfric_control.model.friction import middle_level
 
-# Damping ratio of a spring between motor and load.
-_RATIO = 0.05
+# Damping ratio of a spring between motor and load, and share of the load, that are tried.
+_RATIO, _SHARE = 0.05, 0.45
 # Lengths over which a soft contact may build up, in parts of the travel.
 _SOFT = np.array([0.003, 0.01, 0.03, 0.1])
 
@@ -314,27 +313,9 @@ class Compliance(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        # The load follows the motor through the spring, which carries its inertia, and the friction
-        # unless that is on the motor.
-        friction = view.axis.viscous * view.v + view.direction * view.level
-        for turn in np.geomspace(0.02, 0.5, 14) / view.dt:
-            spring = signal.bilinear(
-                [2.0 * _RATIO * turn, turn**2], [1.0, 2.0 * _RATIO * turn, turn**2], 1.0 / view.dt
-            )
-            for share, motor in itertools.product((0.3, 0.5, 0.7), (0.0, 1.0)):
-                rigid = share * view.axis.mass * view.a + (1.0 - motor) * friction
-                one = _swinging(view.axis, turn, share, motor)
-                force = rigid - signal.lfilter(*spring, rigid)
-                yield one._replace(force=(force,), positive=True)
-        # Where the load sticks and the motor does not, a force that follows tells little.
-        for turn, motor in itertools.product(np.geomspace(0.03, 0.4, 5) / view.dt, (0.0, 1.0)):
-            yield _swinging(view.axis, turn, 0.5, motor)
-
-
-def _swinging(axis: BaseAxis, turn: float, share: float, motor: float) -> Column:
-    """Two masses of which the load alone swings at an angular frequency."""
-    inertia = share * axis.mass
-    return simulated(
-        stiffness=inertia * turn**2, damping=2.0 * _RATIO * inertia * turn, load_fraction=share,
-        friction_on_motor=motor,
-    )  # fmt: skip
+        for turn, motor in itertools.product(np.geomspace(0.02, 0.5, 14) / view.dt, (0.0, 1.0)):
+            inertia = _SHARE * view.axis.mass
+            yield simulated(
+                stiffness=inertia * turn**2, damping=2.0 * _RATIO * inertia * turn,
+                load_fraction=_SHARE, friction_on_motor=motor,
+            )  # fmt: skip

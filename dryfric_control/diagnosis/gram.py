@@ -74,7 +74,7 @@ class Proposal:
     predicted: float  # gain of log-likelihood that the normal equations predict
     held: FrictionAxis | None = None  # the same with the base parameters of the model
     remembers: bool = False  # whether its shape was simulated
-    quieter: float = 1.0  # factor of the random force of the pass in which it gains most
+    quieter: float = 1.0  # factor of the random force of that pass
 
 
 def raised(problem: Problem, fit: Solution) -> FloatArray:
@@ -208,7 +208,9 @@ class Gram:
             if not (one.force or one.reading)
         ]  # fmt: skip
         same = self.here.likelihood is self.fit.problem
-        levels = self._levels if same or not tasks else self._costs(self.here.likelihood)
+        levels = self._levels
+        if tasks and not same:
+            levels = self._costs(self.here.likelihood, self._parts)
 
         def run(name: str, column: Column) -> tuple[FloatArray, float] | None:
             try:
@@ -218,7 +220,7 @@ class Gram:
                 z = likelihood.start(noises=self.noises)
                 point = likelihood.at(z)
                 here = profiled(likelihood, point) + likelihood.prior(z)
-                costs = (here, *self._costs(likelihood, QUIET[1:]))
+                costs = (here, *self._costs(likelihood, self._parts[1:]))
                 gain = max(level - one for level, one in zip(levels, costs, strict=True))
                 return self.here.of_change(point, _FAR)[:, None], gain
             except ValueError as problem:
@@ -235,7 +237,12 @@ class Gram:
                 # A secant is a column like others: its amount follows from the normal equations.
                 yield name, column, row[0], -math.inf if column.most < math.inf else row[1]
 
-    def _costs(self, likelihood: Likelihood, parts: Sequence[float] = QUIET) -> list[float]:
+    @property
+    def _parts(self) -> tuple[float, ...]:
+        """Factors of the random force: of an imposed motion, which no filter follows, one."""
+        return QUIET[:1] if self.problem.imposed else QUIET
+
+    def _costs(self, likelihood: Likelihood, parts: Sequence[float]) -> list[float]:
         """Costs in one pass at factors of the random force, the size of all noises fitted."""
         costs = []
         for part in parts:
@@ -248,7 +255,8 @@ class Gram:
     @cached_property
     def _levels(self) -> list[float]:
         """The same of the model: a cost says nothing beside one at another random force."""
-        return self._costs(self.problem.likelihood(self.fit.axis, self.problem.free_of(self.fit)))
+        likelihood = self.problem.likelihood(self.fit.axis, self.problem.free_of(self.fit))
+        return self._costs(likelihood, self._parts)
 
     def _solved(
         self, sets: Sequence[Sequence[int]], moved: bool, signed: bool = True
@@ -479,7 +487,7 @@ class Gram:
                     )
                 except ValueError:
                     continue
-                parts = QUIET if memory else QUIET[:1]
+                parts = self._parts if memory else QUIET[:1]
                 costs = self._costs(likelihood, parts)
                 for part, cost, level in zip(parts, costs, self._levels, strict=False):
                     cost += self._levels[0] - level

@@ -193,8 +193,8 @@ def maximise(
                 break
             new_point = problem.tried(new)
             if new_point.cost < point.cost:
-                fall = point.cost - new_point.cost
-                kept = fall / predicted
+                fall = float(point.cost - new_point.cost)
+                kept = fall / predicted  # no number where the cost was infinite, nor a warning
                 if kept > _TRUSTED:
                     damping = max(0.1 * damping, 1e-9)
                 linear = linear and kept >= _MISTRUSTED

@@ -90,6 +90,13 @@ def raised(problem: Problem, fit: Solution) -> FloatArray:
     return z
 
 
+def scaled(noises: FloatArray, part: float) -> FloatArray:
+    """Noises with the random force of each record times a factor."""
+    z = noises.copy()
+    z[::2] += 2.0 * math.log(part)
+    return z
+
+
 def profiled(likelihood: Likelihood, point: Point) -> float:
     """Cost without prior, one factor of all variances fitted; infinite without a result."""
     if not point.out:
@@ -246,9 +253,7 @@ class Gram:
         """Costs in one pass at factors of the random force, the size of all noises fitted."""
         costs = []
         for part in parts:
-            noises = self.noises.copy()
-            noises[::2] += 2.0 * math.log(part)
-            z = likelihood.start(noises=noises)
+            z = likelihood.start(noises=scaled(self.noises, part))
             costs.append(profiled(likelihood, likelihood.tried(z)) + likelihood.prior(z))
         return costs
 

@@ -18,7 +18,7 @@ from dryfric_control.diagnosis.candidates import (
     held_by,
     with_effect,
 )
-from dryfric_control.diagnosis.gram import Gram, Proposal, raised
+from dryfric_control.diagnosis.gram import Gram, Proposal, raised, scaled
 from dryfric_control.diagnosis.invariants import impossible, in_free_runs, unsound
 from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
@@ -442,15 +442,14 @@ class Search:
         noises, levels = raised(problem, now), dict[float, float]()
         model = problem.likelihood(now.axis, free, each=each_of(now))
         for part in {one.quieter for one in proposals}:
-            z = model.start(noises=noises)
-            z[-noises.size :: 2] += 2.0 * math.log(part)
-            levels[part] = held(model, z, until=problem.until).cost
+            start = model.start(noises=scaled(noises, part))
+            levels[part] = held(model, start, until=problem.until).cost
 
         def first(one: Proposal) -> Look | None:
             try:
                 likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
-                alike = noises.copy()  # a random force that accelerates as much
-                alike[::2] += 2.0 * math.log(one.quieter * one.axis.mass / now.axis.mass)
+                # A random force that accelerates as much.
+                alike = scaled(noises, one.quieter * one.axis.mass / now.axis.mass)
                 starts = [likelihood.start(noises=alike)]
                 if one.remembers:
                     starts = [walked(likelihood, starts[0], one.free, alike)]

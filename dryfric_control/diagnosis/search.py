@@ -278,7 +278,10 @@ class Search:
                     now = there
                     continue
                 if row is not None:
-                    now = self.opened(self.pruned(Model(row.fit, (*now.causes, *row.names))))
+                    joined = Model(row.fit, (*now.causes, *row.names))
+                    now = self.opened(self.pruned(joined))
+                    if frozenset(now.causes) == key:
+                        now = self.together(joined) or now
                 # Nothing joins, or what did is not there beside the others.
                 if now.causes and frozenset(now.causes) == key:
                     self.tell("exchange", now.causes)
@@ -293,6 +296,18 @@ class Search:
                 break
             now = self.opened(self.pruned(Model(row.fit, (*now.causes, *row.names))))
         return now
+
+    def together(self, joined: Model) -> Model | None:
+        """A model with one cause more, if free runs show that, or what joined, beside each other.
+
+        One may hide the other: the errors that one leaves alone are then all that free runs show.
+        """
+        alone = self.pruned(joined, free_runs=False)
+        row = self.best(alone) if {*alone.causes} == {*joined.causes} else None
+        if row is None:
+            return None
+        found = self.opened(self.pruned(Model(row.fit, (*alone.causes, *row.names))))
+        return found if len(found.causes) >= len(alone.causes) else None
 
     def opened(self, now: Model) -> Model:
         """The model with what its causes have held free, or in another form, if likelier."""
@@ -638,8 +653,11 @@ class Search:
 
         return min((axis, moved), key=cost)
 
-    def pruned(self, now: Model) -> Model:
-        """Backward elimination: causes without evidence beside the others go, worst first."""
+    def pruned(self, now: Model, free_runs: bool = True) -> Model:
+        """Backward elimination: causes without evidence beside the others go, worst first.
+
+        `free_runs`: also those that free runs do not show.
+        """
         while now.causes and not self.problem.late:
             self._less = {}
             worth = {}
@@ -654,7 +672,9 @@ class Search:
             for name in now.causes:
                 if unsound(self.problem, now.fit, name, now.own(name)):
                     lost.append(name)
-                elif worth[name] < alone and not self._seen(self._less[name].fit, now.fit):
+                elif not free_runs or worth[name] >= alone:
+                    continue
+                elif not self._seen(self._less[name].fit, now.fit):
                     lost.append(name)
             if not lost:
                 return Model(now.fit, now.causes, worth)

@@ -91,7 +91,7 @@ def causes_of(
     found = []
     for name in model.causes:
         own = {n.partition(".")[2]: n for n in model.own(name) if n in fitted}
-        less, fall = search.less_by(name), np.zeros(1)
+        less, fall = model.less.get(name), np.zeros(1)
         if less is not None and less.fit.point.out:
             fall = less.fit.held_out() - model.fit.held_out()
         fall = fall[np.isfinite(fall)]
@@ -236,7 +236,7 @@ def changing(search: Search, model: Model, final: Solution) -> str:
     falls = {"": search.problem.nominal_fit.cost - final.cost + prior_of(final)}
     own = {"": {*final.problem.names}} | {name: {name} for name in BASE}
     for name in model.causes:
-        own[name], less = {*model.own(name)}, search.less_by(name)
+        own[name], less = {*model.own(name)}, model.less.get(name)
         if less is not None:
             falls[name] = less.fit.cost - prior_of(less.fit) - model.fit.cost + prior_of(model.fit)
     halves = {name: final.in_halves(names) for name, names in own.items()}

@@ -203,8 +203,9 @@ class Model:
 
     fit: Solution
     causes: tuple[str, ...] = ()  # in the order found
-    # Evidence for each cause beside the others.
+    # Of each cause beside the others: the evidence for it, and the model without it.
     worth: dict[str, float] = field(default_factory=dict)
+    less: dict[str, Model] = field(default_factory=dict)
 
     def own(self, name: str) -> tuple[str, ...]:
         """Free parameters of one cause."""
@@ -230,7 +231,6 @@ class Search:
     #: The best model so far.
     now: Any = None
     _rounds: dict[frozenset[str], tuple[Solution, list[Row]]] = field(default_factory=dict)
-    _less: dict[str, Model] = field(default_factory=dict)
     #: Starts with one effect in the place of two causes.
     _merges: dict[frozenset[str], list[Any]] = field(default_factory=dict)
     #: The pass of the last round.
@@ -659,12 +659,9 @@ class Search:
         `free_runs`: also those that free runs do not show.
         """
         while now.causes and not self.problem.late:
-            self._less = {}
-            worth = {}
             lesser = self.problem.parallel(self.without, [now] * len(now.causes), now.causes)
-            for name, less in zip(now.causes, lesser, strict=True):
-                worth[name] = evidence(less.fit, now.fit, [self._odds(name)])
-                self._less[name] = less
+            less = dict(zip(now.causes, lesser, strict=True))
+            worth = {n: evidence(less[n].fit, now.fit, [self._odds(n)]) for n in now.causes}
             worst = min(worth, key=worth.__getitem__)
             lost = [worst] if worth[worst] <= 0.0 else []
             most = max((w for w in worth.values() if math.isfinite(w)), default=0.0)
@@ -674,11 +671,11 @@ class Search:
                     lost.append(name)
                 elif not free_runs or worth[name] >= alone:
                     continue
-                elif not self._seen(self._less[name].fit, now.fit):
+                elif not self._seen(less[name].fit, now.fit):
                     lost.append(name)
             if not lost:
-                return Model(now.fit, now.causes, worth)
-            now = self._less[lost[0]]
+                return Model(now.fit, now.causes, worth, less)
+            now = less[lost[0]]
         return now
 
     def _seen(self, less: Solution, more: Solution) -> bool:
@@ -698,7 +695,6 @@ class Search:
 
         Another one is no less likely than a cause that it makes superfluous.
         """
-        lesser = dict(self._less)
         least = -LEAST - max(map(self._odds, now.causes)) - EQUAL
         for pair, name, axis, free in self._merges.get(frozenset(now.causes), ()):
             causes = functools.reduce(self.problem.free_without, reversed(pair), now.causes)
@@ -706,7 +702,7 @@ class Search:
             if self.over(other, now) > 0.5 * EQUAL:
                 return self.pruned(other)
         for name in sorted(now.worth, key=now.worth.__getitem__)[:EXCHANGED]:
-            less = lesser[name]
+            less = now.less[name]
             for row in self.round(less):
                 causes = (*less.causes, *row.names)
                 same = {*causes} == {*now.causes} or len(causes) > MOST
@@ -715,7 +711,6 @@ class Search:
                 other = self.pruned(Model(row.fit, causes))
                 if {*other.causes} != {*now.causes} and self.over(other, now) > 0.5 * EQUAL:
                     return other
-        self._less = lesser
         return now
 
     def over(self, one: Model, other: Model) -> float:
@@ -723,15 +718,11 @@ class Search:
         costs = [sum(LEAST + self._odds(c) for c in m.causes) for m in (one, other)]
         return evidence(other.fit, one.fit, ()) - costs[0] + costs[1]
 
-    def less_by(self, name: str) -> Model | None:
-        """The last model without one of its causes."""
-        return self._less.get(name)
-
     def alternatives(self, now: Model) -> dict[str, dict[str, Solution]]:
         """Effects that explain the records as well in the place of each cause."""
         found: dict[str, dict[str, Solution]] = {}
         for name in now.causes:
-            less = self._less.get(name)
+            less = now.less.get(name)
             rows = self._rounds.get(frozenset(less.causes), (None, []))[1] if less else []
             count = len(now.own(name))
             found[name] = {

@@ -264,9 +264,11 @@ class Search:
         return maximise(best.problem, best.z, SOME, problem.until, again=True)
 
     def run(self, now: Model) -> Model:
-        """Causes added, exchanged and dropped until the set stays."""
+        """Causes added, exchanged and dropped until the set stays; the likeliest set on the way."""
         seen, every = dict[frozenset[str], float](), set[frozenset[str]]()
+        top = now
         while not self.problem.late:
+            top = now if self.over(now, top) > 0.0 else top
             self.now, key = now, frozenset(now.causes)
             # A model that is found again likelier than before is searched again.
             if now.fit.cost < seen.get(key, math.inf) - SLACK:
@@ -295,7 +297,7 @@ class Search:
             if row is None:
                 break
             now = self.opened(self.pruned(Model(row.fit, (*now.causes, *row.names))))
-        return now
+        return now if self.over(now, top) > -EQUAL else top
 
     def together(self, joined: Model) -> Model | None:
         """A model with one cause more, if free runs show that, or what joined, beside each other.

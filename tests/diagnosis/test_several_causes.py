@@ -1,10 +1,15 @@
-"""Effects that the axis has already, with the wrong numbers."""
+"""Effects that the axis has already, with the wrong numbers; causes that hide each other."""
 
 import pytest
 from diagnosis_cases import among, believed, causes, record
-from truth import make_case
+from truth import make_case, make_machine
 
 import dryfric_control as dfc
+from dryfric_control.diagnosis.candidates import own_names
+from dryfric_control.diagnosis.problem import Problem
+from dryfric_control.diagnosis.search import Model, Search
+from dryfric_control.estimation.likelihood import prepare
+from dryfric_control.estimation.windows import cut
 
 
 @pytest.mark.slow
@@ -30,3 +35,35 @@ def test_a_nominal_force_of_the_wrong_sign_hides_no_cause():
         found = dfc.diagnose(believed(case).replace(effects=(wrong,)), record(case), jobs=1)
     assert causes(found) == ["quadratic_drag", "bias_force"], str(found)
     assert found.causes[1].parameters["force"] == pytest.approx(force, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_causes_that_free_runs_show_only_beside_each_other_are_found():
+    cases = make_machine(203)
+    records = [record(case) for case in cases]
+    hidden = ("saturation", "position_dependence")
+    guess = (dfc.effects.Saturation(40.0), dfc.effects.PositionDependence(0.1, 0.0))
+    axis = believed(cases[0]).replace(effects=guess)
+    with among(*hidden, "gravity"):
+        windows = tuple(cut(one, 0.25) for one in records)
+        problem = Problem(believed(cases[0]), tuple(map(prepare, records)), windows=windows)
+        search = Search(problem)
+        joined = Model(problem.fit(axis, [n for one in hidden for n in own_names(one)]), hidden)
+        assert search.pruned(joined).causes == ("saturation",)
+        found = search.together(joined)
+    assert found is not None
+    assert {*found.causes} == {*cases[0].truth}
+
+
+@pytest.mark.slow
+def test_the_answer_is_the_likeliest_on_the_way(monkeypatch):
+    case = make_case("spring", 0, "short")
+    spring = dfc.effects.Spring(case.truth["spring"]["stiffness"], case.truth["spring"]["centre"])
+    with among("spring"):
+        problem = Problem(believed(case), (prepare(record(case)),))
+        search = Search(problem)
+        none, axis = Model(search.alone()), believed(case).replace(effects=(spring,))
+        one = search.pruned(Model(problem.fit(axis, own_names("spring")), ("spring",)))
+        monkeypatch.setattr(Search, "exchanged", lambda self, now: none)
+        monkeypatch.setattr(Search, "best", lambda self, now: None)
+        assert search.run(one).causes == ("spring",)

@@ -87,6 +87,7 @@ BESIDE_PAIR = (
     "spring", "input_delay", "gravity", "position_dependence", "cogging", "bias_force",
     "actuator_lag", "compliance", "presliding", "input_gain",
 )  # fmt: skip
+BESIDE_LOAD = ("compliance", "presliding", "bias_force", "actuator_lag", "input_delay")
 
 
 @pytest.mark.slow
@@ -107,7 +108,7 @@ BESIDE_PAIR = (
         # With much random force the base parameters take up what the shares of the masses do.
         ("backlash", 92, "exact", 20_000, ("backlash", "compliance")),
         # Its load swings too fast for a force that follows, and only a small random force shows it.
-        ("compliance", 93, "short", 6000, ("compliance", "presliding", "backlash")),
+        ("compliance", 93, "short", 6000, BESIDE_LOAD),
         # The likeliest play of a quieter pass is wider than any crossing.
         ("backlash", 96, "exact", 14_000, ("backlash", "compliance")),
         # Such plays are a plain, the right one is a ridge beside it.

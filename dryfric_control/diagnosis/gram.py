@@ -29,7 +29,7 @@ from dryfric_control.diagnosis.thresholds import (
     SAME,
     SETTLED,
 )  # fmt: skip
-from dryfric_control.estimation.likelihood import BASE, BOLD, Likelihood, Point, wondered
+from dryfric_control.estimation.likelihood import BASE, BOLD, Likelihood, Point, doubted, wondered
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
@@ -308,7 +308,7 @@ class Gram:
             if nominal[k] != 0.0 and n not in self.problem.tolerance
         ]  # fmt: skip
         there = self._now[counts] * (1.0 + c[..., counts]) / nominal[counts]
-        return np.asarray(wondered(there).sum(axis=-1))
+        return np.asarray(doubted(wondered(there))[0])
 
     def early(self) -> float:
         """Predicted gain of a drive that acts before its time stamps, 0 if by chance."""

@@ -157,17 +157,9 @@ def prior_of(fit: Solution) -> float:
     return fit.problem.prior(fit.z)
 
 
-def dearest(fit: Solution) -> float:
-    """What the most surprising base parameter of a fit costs alone."""
-    problem, nominal = fit.problem, fit.z.copy()
-    for j, (value, _, _) in problem.beliefs.items():
-        nominal[j] = problem.parameters[j].search(value)
-    costs = [0.0]
-    for j in problem.beliefs:
-        one = nominal.copy()
-        one[j] = fit.z[j]
-        costs.append(problem.prior(one))
-    return max(costs)
+def surprises(fit: Solution) -> FloatArray:
+    """What each wrong nominal value of a fit costs as an assumption of its own."""
+    return fit.problem.surprises(fit.z)
 
 
 @dataclass(frozen=True, eq=False)
@@ -685,9 +677,10 @@ class Search:
 
         In the place of one wrong base parameter it is one assumption for another.
         """
-        spared = less.problem.prior(less.z) - more.problem.prior(more.z)
+        before, after = surprises(less), surprises(more)
+        simpler = before.sum() - after.sum() > before.max(initial=0.0) + LEAST
         fall, error = in_free_runs(self.problem, less, more)
-        return spared > dearest(less) + LEAST or fall > max(FREE, NOTED * error)
+        return simpler or fall > max(FREE, NOTED * error)
 
     def _odds(self, name: str) -> float:
         return self.odds.get(name, self.odds.get(effect_class(name).slug, 0.0))

@@ -4,6 +4,8 @@ Each is a level of evidence, a limit of what a record can show, or an amount of 
 tied to an effect or a record.
 """
 
+from dryfric_control.estimation.likelihood import ASSUMPTION
+
 # Noises of the pass at which effects are screened: bounds of the random force over the RMS
 # drive, factors of it at which what remembers is tried, and iterations for the size of all noises.
 QUIETEST, LOUDEST, QUIET, SETTLED = 0.03, 0.3, (1.0, 0.1), 12
@@ -24,7 +26,7 @@ SCANNED = tuple(1.12**k for k in range(-18, 19) if k)
 # what its last step brought and promises, and the promise that ends a fit.
 SLACK, AHEAD, ENOUGH = 8.0, 5.0, 0.05
 # Evidence: log-likelihood that a cause must bring, and difference below which two are equal.
-LEAST, EQUAL = 6.0, 4.0
+LEAST, EQUAL = ASSUMPTION, 4.0
 # Largest number of causes, and of those with least evidence that may be exchanged.
 MOST, EXCHANGED = 5, 2
 # Change of a base parameter's logarithm from which effects are screened at its nominal value, too.

@@ -53,9 +53,10 @@ BOLD, MOST = 0.5 * math.log(2.0), 4.0
 # values may be zero.
 _OFFSET = 0.1
 # Cost of a wrong base parameter in the search for causes: _WONDER log(1 + (relative change /
-# _SPREAD)^2). A few per cent cost little; three wrong parameters cost more than an equivalent
-# cause.
+# _SPREAD)^2). A few per cent cost little; where several are wrong, none of them counts as known.
 _WONDER, _SPREAD = 2.0, 0.02
+#: Log-likelihood that an assumption costs: a cause, or that all nominal values are wrong.
+ASSUMPTION = 6.0
 # Length of the blocks over which scores are summed for standard errors [s].
 _BLOCK = 0.5
 #: Ratio of the variance found by Student's t with 4 degrees of freedom to the true one, for
@@ -385,6 +386,7 @@ class Likelihood:
     def prior_terms(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Prior cost with its gradient and curvature, each shape (ncoordinates,)."""
         total, g, h = 0.0, np.zeros(self.size), np.zeros(self.size)
+        wonders, trusted = doubted(self.surprises(z))
         for j, (nominal, spread, wonder) in self.beliefs.items():
             p = self.parameters[j]
             value = p.value(z[j])
@@ -398,11 +400,15 @@ class Likelihood:
                 h[j] += by * by
             if wonder:
                 off, by = (ratio - 1.0) / _SPREAD, slope / _SPREAD
-                weight = 2.0 * _WONDER / (1.0 + off * off)
-                total += wondered(ratio)
+                weight = 2.0 * _WONDER * trusted / (1.0 + off * off)
                 g[j] += weight * off * by
                 h[j] += weight * by * by
-        return total, g, h
+        return total + wonders, g, h
+
+    def surprises(self, z: FloatArray) -> FloatArray:
+        """Cost of each nominal value that is wrong, as an assumption of its own."""
+        wonders = [(j, nominal) for j, (nominal, _, wonder) in self.beliefs.items() if wonder]
+        return wondered(np.array([self.parameters[j].value(z[j]) / one for j, one in wonders]))
 
     def _touches(self, j: int) -> list[int]:
         """Records that depend on coordinate j."""
@@ -567,6 +573,18 @@ class Likelihood:
         self.steps[:n] = np.clip(wider * _STEP_ERRORS * known, *_STEPS)
 
 
-def wondered(ratio: FloatArray | float) -> Any:
-    """Cost of each base parameter, over its nominal value, as an assumption."""
-    return _WONDER * np.log1p(((ratio - 1.0) / _SPREAD) ** 2)
+def wondered(ratio: FloatArray) -> FloatArray:
+    """Cost of each base parameter, over its nominal value, as an assumption of its own."""
+    return np.asarray(_WONDER * np.log1p(((ratio - 1.0) / _SPREAD) ** 2))
+
+
+def doubted(surprises: FloatArray) -> tuple[Any, Any]:
+    """Cost of wrong nominal values together, and the probability that they can be trusted.
+
+    Either each is right but for its own surprise, or none is known to _SPREAD, only to BOLD.  In
+    the last axis: one for each value.
+    """
+    each = surprises.sum(axis=-1)
+    doubt = ASSUMPTION + surprises.shape[-1] * math.log(BOLD / _SPREAD)
+    both = np.logaddexp(-each, -doubt)
+    return np.logaddexp(0.0, -doubt) - both, np.exp(-each - both)

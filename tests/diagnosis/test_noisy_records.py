@@ -5,6 +5,7 @@ import pytest
 from diagnosis_cases import among, causes, driven
 
 import dryfric_control as dfc
+from dryfric_control.diagnosis.thresholds import EQUAL, LEAST
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.scoring import maximise
 
@@ -98,11 +99,35 @@ def test_a_muted_mass_is_out_of_reach():
     assert far.at_bound == ("mass",)
 
 
-def test_three_wrong_parameters_cost_more_than_one_cause():
+def test_nominal_values_are_trusted_together_or_not():
     run = prepare(driven(AXIS, 1.0, 0.24, 5))
     problem = Likelihood(AXIS, ("mass", "viscous", "coulomb"), [run], wonder=True)
-    z = problem.start()
-    assert problem.prior(z) == pytest.approx(0.0)
-    values = np.array([2.0, 15.0, 8.0]) / 1.15
-    off = [p.search(v) for p, v in zip(problem.parameters, values, strict=True)]
-    assert problem.prior(np.concatenate((off, z[3:]))) > 20.0
+    start = problem.start()
+
+    def at(*factors: float) -> np.ndarray:
+        values = np.array(factors) * [AXIS.mass, AXIS.viscous, AXIS.coulomb.mean]
+        off = [p.search(v) for p, v in zip(problem.parameters, values, strict=True)]
+        return np.concatenate((off, start[3:]))
+
+    assert problem.prior(at(1.0, 1.0, 1.0)) == pytest.approx(0.0, abs=1e-4)
+    alike, apart = problem.prior(at(1.2, 1.2, 1.2)), problem.prior(at(1.2, 1.2, 0.8))
+    # A gain scales all three: one cause instead, but for the value that stays wrong beside it.
+    assert alike > LEAST + EQUAL
+    assert apart < LEAST + problem.prior(at(1.0, 1.0, 0.8 / 1.2))
+    assert problem.prior(at(1.2, 1.0, 1.0)) < LEAST + EQUAL < apart
+    for z in (at(1.01, 0.98, 1.0), at(1.1, 1.0, 0.97), at(1.2, 1.2, 0.8)):
+        slopes = [
+            (problem.prior(z + step) - problem.prior(z - step)) / 2e-6
+            for step in 1e-6 * np.eye(z.size)
+        ]  # fmt: skip
+        np.testing.assert_allclose(problem.prior_terms(z)[1], slopes, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_gain_beside_which_another_value_is_wrong_is_none():
+    believed = AXIS.replace(mass=0.8 * AXIS.mass, viscous=0.8 * AXIS.viscous)
+    believed = believed.replace(coulomb=AXIS.coulomb.scaled(1.2))
+    with among("input_gain", "load_dependence"):
+        d = dfc.diagnose(believed, driven(AXIS, 6.0, 0.24, 5), jobs=1)
+    assert sorted(causes(d)) == ["coulomb", "inertia", "viscous"], str(d)
+

@@ -272,7 +272,7 @@ class Search:
                     now = there
                     continue
                 if row is not None:
-                    joined = Model(row.fit, (*now.causes, *row.names))
+                    joined = self.weighed(Model(row.fit, (*now.causes, *row.names)))
                     now = self.opened(self.pruned(joined))
                     if frozenset(now.causes) == key:
                         now = self.together(joined) or now
@@ -647,15 +647,22 @@ class Search:
 
         return min((axis, moved), key=cost)
 
+    def weighed(self, now: Model) -> Model:
+        """The model with those without each cause, and the evidence for each."""
+        if now.less or self.problem.late:
+            return now
+        lesser = self.problem.parallel(self.without, [now] * len(now.causes), now.causes)
+        less = dict(zip(now.causes, lesser, strict=True))
+        worth = {n: evidence(less[n].fit, now.fit, [self._odds(n)]) for n in now.causes}
+        return replace(now, worth=worth, less=less)
+
     def pruned(self, now: Model, free_runs: bool = True) -> Model:
         """Backward elimination: causes without evidence beside the others go, worst first.
 
         `free_runs`: also those that free runs do not show.
         """
-        while now.causes and not self.problem.late:
-            lesser = self.problem.parallel(self.without, [now] * len(now.causes), now.causes)
-            less = dict(zip(now.causes, lesser, strict=True))
-            worth = {n: evidence(less[n].fit, now.fit, [self._odds(n)]) for n in now.causes}
+        while (now := self.weighed(now)).less:
+            worth, less = now.worth, now.less
             worst = min(worth, key=worth.__getitem__)
             lost = [worst] if worth[worst] <= 0.0 else []
             most = max((w for w in worth.values() if math.isfinite(w)), default=0.0)
@@ -668,7 +675,7 @@ class Search:
                 elif not self._seen(less[name].fit, now.fit):
                     lost.append(name)
             if not lost:
-                return Model(now.fit, now.causes, worth, less)
+                return now
             now = less[lost[0]]
         return now
 

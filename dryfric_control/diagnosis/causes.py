@@ -107,7 +107,7 @@ def causes_of(
         # A scale brings one of them back to nominal; a value of zero cannot be scaled.
         if {*every} <= {*slugs} and cause.effect in every and all(cause.parameters.values()):
             alike = _load_does_the_same(problem, model, final, *cause.parameters)
-            rest = [s for s in slugs if s != cause.effect]
+            rest = [c.effect for c in wrong if _apart(problem, c, cause)]
             scales = ["+".join([one, *rest]) for one in (GAIN, _LOAD)[: 1 + alike]]
             wrong[i] = replace(cause, alternatives=(*cause.alternatives, *scales))
     if len(wrong) == 1 and not model.causes:
@@ -141,6 +141,17 @@ def _wrong_base(
         slug, own = (effect, {part: name}) if part else (SLUGS[name], {name: name})
         found.append((gain, cause_of(problem.believed, slug, own, fitted, (gain, error))))
     return [cause for _, cause in sorted(found, key=lambda one: -one[0])]
+
+
+def _apart(problem: Problem, *two: Cause) -> bool:
+    """Whether two values are off by different factors: the same one brings both to nominal."""
+    ratios, errors = [], []
+    for cause in two:
+        ((name, value),) = cause.parameters.items()
+        unit = problem.nominal.get(name) or 1e-300
+        ratios.append(value / unit)
+        errors.append(cause.standard_errors[name] / unit)
+    return abs(ratios[0] - ratios[1]) > max(RIGHT, CLEAR * math.hypot(*errors))
 
 
 def _instead(search: Search, final: Solution, cause: Cause) -> tuple[str, ...]:

@@ -130,4 +130,6 @@ def test_a_gain_beside_which_another_value_is_wrong_is_none():
     with among("input_gain", "load_dependence"):
         d = dfc.diagnose(believed, driven(AXIS, 6.0, 0.24, 5), jobs=1)
     assert sorted(causes(d)) == ["coulomb", "inertia", "viscous"], str(d)
+    told = {cause.effect: cause.alternatives for cause in d.causes}
+    assert told["inertia"][0] == told["viscous"][0] == "input_gain+coulomb"
 

@@ -416,7 +416,7 @@ class Search:
             if any(f"{name}.{p}" in problem.known for p in effect.named_parameters()):
                 continue
             found.append(name)
-        return found
+        return sorted(found)  # sums over columns in another order differ by round-off
 
     def _fail(self, name: str, reason: str) -> None:
         self.not_tried.setdefault(name, reason)

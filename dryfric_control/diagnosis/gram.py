@@ -523,10 +523,11 @@ class Gram:
             yield axis, tuple(free)
 
     def _changed(self, axis: FrictionAxis, c: FloatArray) -> FloatArray:
-        """Base parameters after relative changes, those of the axis itself within bounds."""
+        """Base parameters after relative changes, within bounds where one has no other sign."""
         now, low, high = values_of(axis, self.base), *_BASE
-        amount = np.array([n not in BASE for n in self.base], bool)
-        rise = now * np.where(amount, 1.0 + c, np.clip(1.0 + c, low, high))
+        least = {p.name: p.low for p in self.here.likelihood.parameters}
+        signed = np.array([least[n] < 0.0 for n in self.base], bool)
+        rise = now * np.where(signed, 1.0 + c, np.clip(1.0 + c, low, high))
         none = np.maximum(c, 0.0) * self.here.size / self.here.fast
         return np.where(now != 0.0, rise, none)
 

@@ -584,9 +584,12 @@ class Search:
                 return row
             axis = problem.less(top.fit.axis, top.names[0])
             moved = values_of(axis, base) * (1.0 - same[1])
-            axis = with_effect(with_values(axis, base, moved), name, same[0]).axis
             free = (*problem.free_of(now), *row.free)
-            fit = problem.fit(axis, free, noises_of(top.fit), SOME, each=each_of(top.fit))
+            try:
+                axis = with_effect(with_values(axis, base, moved), name, same[0]).axis
+                fit = problem.fit(axis, free, noises_of(top.fit), SOME, each=each_of(top.fit))
+            except ValueError:
+                return row  # no axis can have these values
             if fit.cost >= row.fit.cost:
                 return row
             worth = evidence(now, fit, [self.odds[n] for n in row.names])

@@ -132,4 +132,3 @@ def test_a_gain_beside_which_another_value_is_wrong_is_none():
     assert sorted(causes(d)) == ["coulomb", "inertia", "viscous"], str(d)
     told = {cause.effect: cause.alternatives for cause in d.causes}
     assert told["inertia"][0] == told["viscous"][0] == "input_gain+coulomb"
-

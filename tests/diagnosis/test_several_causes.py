@@ -1,5 +1,6 @@
 """Effects that the axis has already, with the wrong numbers; causes that hide each other."""
 
+import numpy as np
 import pytest
 from diagnosis_cases import among, believed, causes, record
 from truth import make_case, make_machine
@@ -35,6 +36,23 @@ def test_a_nominal_force_of_the_wrong_sign_hides_no_cause():
         found = dfc.diagnose(believed(case).replace(effects=(wrong,)), record(case), jobs=1)
     assert causes(found) == ["quadratic_drag", "bias_force"], str(found)
     assert found.causes[1].parameters["force"] == pytest.approx(force, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_a_nominal_weight_of_the_wrong_side_ends_nothing():
+    # The linear prediction is a weight below zero, which no axis can have.
+    axis = dfc.FrictionAxis(mass=0.1, viscous=0.3, coulomb=0.4, units=("rad", "N m"))
+    nominal, true = (
+        axis.replace(effects=(dfc.effects.Gravity(1.0, phase=phase),)) for phase in (0.3, 0.3 + np.pi)
+    )  # fmt: skip
+    t = 2e-3 * np.arange(3000)
+    u = 2.5 * np.sin(3.0 * t) + 1.2 * np.sin(7.3 * t)
+    seen = np.round(true.simulate(u, dt=2e-3).y[0] / 1e-5) * 1e-5
+    with among("gravity", "bias_force", "spring"):
+        found = dfc.diagnose(nominal, dfc.Record(t, u, seen), jobs=1)
+    assert causes(found) == ["gravity"], str(found)
+    phase = found.causes[0].parameters["phase"] - 0.3
+    assert np.cos(phase) == pytest.approx(-1.0, abs=1e-6)
 
 
 @pytest.mark.slow

@@ -523,11 +523,11 @@ class Gram:
             yield axis, tuple(free)
 
     def _changed(self, axis: FrictionAxis, c: FloatArray) -> FloatArray:
-        """Base parameters after relative changes, within bounds where one has no other sign."""
-        now, low, high = values_of(axis, self.base), *_BASE
-        least = {p.name: p.low for p in self.here.likelihood.parameters}
-        signed = np.array([least[n] < 0.0 for n in self.base], bool)
-        rise = now * np.where(signed, 1.0 + c, np.clip(1.0 + c, low, high))
+        """Base parameters after relative changes, with their sign and within their bounds."""
+        now, some = values_of(axis, self.base), {p.name: p for p in self.here.likelihood.parameters}
+        low, high = (np.array([getattr(some[n], b) for n in self.base]) for b in ("low", "high"))
+        factor = np.where(low < 0.0, 1.0 + c, np.clip(1.0 + c, *_BASE))
+        rise = np.clip(now * factor, low, high)
         none = np.maximum(c, 0.0) * self.here.size / self.here.fast
         return np.where(now != 0.0, rise, none)
 

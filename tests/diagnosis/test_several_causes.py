@@ -56,6 +56,17 @@ def test_a_nominal_weight_of_the_wrong_side_ends_nothing():
 
 
 @pytest.mark.slow
+def test_a_nominal_amount_that_is_predicted_beyond_its_bound_ends_nothing():
+    case = make_case("velocity_strengthening", 3, "short")
+    true = case.truth["velocity_strengthening"]
+    wrong = dfc.effects.VelocityStrengthening(2.5 * true["deficit"], 1.7 * true["speed"])
+    with among("velocity_strengthening"):
+        found = dfc.diagnose(believed(case).replace(effects=(wrong,)), record(case), jobs=1)
+    assert causes(found) == ["velocity_strengthening"], str(found)
+    assert found.causes[0].parameters["deficit"] == pytest.approx(true["deficit"], rel=0.01)
+
+
+@pytest.mark.slow
 def test_causes_that_free_runs_show_only_beside_each_other_are_found():
     cases = make_machine(203)
     records = [record(case) for case in cases]

@@ -29,6 +29,9 @@ _SPAN = 1e-3
 # Distance from sliding, as a fraction of the largest deflection, that one step may bridge and
 # come back.
 _NEAR = 0.1
+# Steps of one interval after which the rest of it is not divided any more: what takes more, as
+# fits try it far from any machine, would never end.
+_TRIED = 20_000
 # Error of a step of bristles, in parts of the change of their level times that of a full bend.
 _BEND = 0.02
 # Force of an impact, as a multiple of all others.
@@ -495,12 +498,15 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
     gap = 0.0
     if contact and mode == 0:
         gap = _margin(side, drive, t0, 0.0, at, strain, mode, rest, 0, h)
-    tau, longest, switches, flips, fresh = 0.0, h, 0, 0, False
+    tau, longest, switches, flips, tries, fresh = 0.0, h, 0, 0, 0, False
     close, pause, resume, last = 0, step.CLOSE * h, 0.0, -h
     while tau < h:
         if fresh:
             m1, k1 = _rates(side, drive, t0, tau, at, strain, mode, rest)
             fresh = False
+        tries += 1
+        if tries >= _TRIED:
+            longest = h
         # The mode is held until `resume`, see `crowded`.
         bound = h if tau >= resume else min(resume, h)
         d = min(longest, bound - tau, side.numbers[step.SHORT_TIME])
@@ -508,7 +514,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         pace = abs(at.p) + sigma + d * abs(k1)
         pace = pace + (abs(at.v) + d * abs(m1)) if two else pace
         allowed = step.TOLERANCE * pace + side.numbers[step.ALLOWED]
-        divisible = d > step.SHORTEST * h
+        divisible = d > step.SHORTEST * h and tries < _TRIED
         if divisible:
             cut = _shortened(side, at, end, mode, fades, k1, k4, d, error, allowed)
             if cut < d:

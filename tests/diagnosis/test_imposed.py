@@ -9,6 +9,7 @@ from diagnosis_cases import among, believed, causes, record
 
 import dryfric_control as dfc
 from dryfric_control.estimation.force_view import ForceView, prepare_force
+from dryfric_control.estimation.likelihood import Likelihood, prepare
 
 
 def walked(
@@ -101,6 +102,21 @@ def test_cogging_is_found_where_a_bench_makes_the_motion() -> None:
     assert d.causes[0].parameters["amplitude"] == pytest.approx(1.5, rel=0.02)
     assert d.causes[0].parameters["period"] == pytest.approx(7e-3, rel=1e-3)
     assert d.verdict == "explained"
+
+
+def test_a_contact_that_no_steps_can_follow_ends():
+    # As a fit tries it; its bristles would take a thousand million steps in one sample.
+    record = walked(7.0, 1.5, seconds=24.0)[:60]
+    cogging = dfc.effects.Cogging(1.4917816691989847, 0.007000139289450311, 3.1395715262322716)
+    contact = dfc.effects.Presliding(
+        1.2644839613155417e-06, damping=447.4578554216601, bristles=1.0
+    )
+    axis = AXIS.replace(viscous=40.1840101707535, coulomb=8.745991912097248)
+    axis = axis.replace(effects=(cogging, contact))
+    problem = Likelihood(axis, ("viscous", "coulomb"), [prepare(record)], hold="first")
+    z = problem.start()
+    z[2:] = -6.810125899255679, -27.771663445731015
+    assert problem.tried(z).cost > 0.0
 
 
 @pytest.mark.slow

@@ -73,7 +73,7 @@ class Proposal:
     cost: float  # cost in one pass, with the size of all noises fitted
     predicted: float  # gain of log-likelihood that the normal equations predict
     held: FrictionAxis | None = None  # the same with the base parameters of the model
-    remembers: bool = False  # whether its shape was simulated
+    remembers: tuple[str, ...] = ()  # those of shapes that were simulated
     quieter: float = 1.0  # factor of the random force of that pass
 
 
@@ -477,7 +477,9 @@ class Gram:
             options += [[*chosen[:k], o, *chosen[k + 1 :]] for _, o in rows[:NEIGHBOURS]]
         for option in options:
             names = tuple(self.items[g].name for g in option)
-            memory = any(self.items[g].gain > -math.inf for g in option)
+            memory = tuple(
+                f"{self.items[g].name}." for g in option if self.items[g].gain > -math.inf
+            )
             starts = (
                 (one, free, k > 0)
                 for axis, free in self._axes(option)
@@ -492,13 +494,16 @@ class Gram:
                     )
                 except ValueError:
                     continue
+                remembers = tuple(n for n in own if n.startswith(memory))
                 parts = self._parts if memory else QUIET[:1]
                 costs = self._costs(likelihood, parts)
                 for part, cost, level in zip(parts, costs, self._levels, strict=False):
                     cost += self._levels[0] - level
                     key = other, part
                     if math.isfinite(cost) and (key not in best or cost < best[key].cost):
-                        best[key] = Proposal(names, axis, own, cost, predicted, held, memory, part)
+                        best[key] = Proposal(
+                            names, axis, own, cost, predicted, held, remembers, part
+                        )
         return [*best.values()]
 
     def _axes(self, chosen: Sequence[int]) -> Iterator[tuple[FrictionAxis, tuple[str, ...]]]:

@@ -461,7 +461,7 @@ class Search:
                 alike = scaled(noises, one.quieter * one.axis.mass / now.axis.mass)
                 starts = [likelihood.start(noises=alike)]
                 if one.remembers:
-                    starts = [walked(likelihood, starts[0], one.free, alike)]
+                    starts = [walked(likelihood, starts[0], one.remembers, alike)]
                     # There the base takes up what the shape should, which may lead astray.
                     starts.append(continued(likelihood, starts[0], until=problem.until))
                 fit = min(
@@ -469,7 +469,7 @@ class Search:
                     key=cost_of,
                 )
                 if one.remembers and math.isfinite(fit.cost):
-                    there = along(likelihood, fit.z, one.free, SCANNED)
+                    there = along(likelihood, fit.z, one.remembers, SCANNED)
                     fit = held(likelihood, there, until=problem.until)
                 if not math.isfinite(fit.cost):
                     likelihood.at(fit.z)  # says why there is no such axis
@@ -483,24 +483,13 @@ class Search:
                 self._fail("+".join(one.names), str(wrong))
                 return None
 
-        single = [p for p in proposals if len(p.names) == 1]
-        looked = dict(zip(single, problem.parallel(first, single), strict=True))
-        alone = dict[str, float]()
-        for p, one in looked.items():
-            if one is not None:
-                alone[p.names[0]] = max(one.first[1], alone.get(p.names[0], -math.inf))
-        # Joined causes are looked at if they promise more than one of them reached alone.
-        joined = [
-            p for p in proposals
-            if len(p.names) > 1 and p.predicted > max(alone.get(n, 0.0) for n in p.names)
-        ]  # fmt: skip
-        looked |= zip(joined, problem.parallel(first, joined), strict=True)
-        # What no machine can have must not outdo what it may.
-        waiting = [
-            one for p, one in looked.items()
-            if one is not None
-            and not any(impossible(problem, one.fit, n, _own(p.free, n)) for n in p.names)
-        ]  # fmt: skip
+        def looked(some: Sequence[Proposal]) -> list[Look]:
+            # What no machine can have must not outdo what it may.
+            return [
+                one for p, one in zip(some, problem.parallel(first, some), strict=True)
+                if one is not None
+                and not any(impossible(problem, one.fit, n, _own(p.free, n)) for n in p.names)
+            ]  # fmt: skip
 
         def further(one: Proposal, fit: Solution, turns: int) -> Solution | None:
             try:
@@ -521,6 +510,9 @@ class Search:
         rows, first_of = list[Row](), dict[tuple[str, ...], tuple[float, float]]()
         none = (-math.inf, (-math.inf, -math.inf))
         top = none
+        single = [p for p in proposals if len(p.names) == 1]
+        joined = [p for p in proposals if len(p.names) > 1]
+        waiting = looked(single)
         while True:
             # The most promising goes on; what can neither pay nor outdo the best is left, and
             # joined causes of which one alone fits better: the next round begins there.
@@ -533,6 +525,11 @@ class Search:
                     for names, cost in reached
                 )
             ]  # fmt: skip
+            if not waiting and joined:
+                # Joined causes are looked at if they promise more than single ones reached.
+                waiting = looked([p for p in joined if p.predicted > top[0] - SLACK])
+                joined = []
+                continue
             if not waiting:
                 return rows
             last = min(waiting, key=lambda one: one.fit.cost - AHEAD * one.hope)

@@ -158,7 +158,7 @@ def _instead(search: Search, final: Solution, cause: Cause) -> tuple[str, ...]:
     """Effects that explain the records as well as one wrong base parameter, held at nominal."""
     problem = replace(search.problem, known=(*search.problem.known, *cause.parameters))
     other = Search(problem, odds=dict(search.odds))
-    rows = other.round(Model(other.alone()))
+    rows = other.round(Model(other.alone()), final)
     alone = (row for row in rows if len(row.names) == 1 and not row.reason)
     return tuple(row.names[0] for row in alone if row.fit.cost < final.cost + EQUAL)
 

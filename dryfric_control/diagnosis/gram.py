@@ -108,7 +108,10 @@ def profiled(likelihood: Likelihood, point: Point) -> float:
 
 @dataclass(eq=False)
 class Gram:
-    """Normal equations of the columns of some effects beside a model."""
+    """Normal equations of the columns of some effects beside a model.
+
+    Shapes that take a pass of the filter each come with `simulate` alone.
+    """
 
     problem: Problem
     fit: Solution  # the model
@@ -129,13 +132,25 @@ class Gram:
         own = here.steps([n for n in here.likelihood.names if n not in self.base])
         fixed = np.concatenate((here.base(self.base), own), axis=1) if self.base else own
         here.left(fixed)
-        self.fixed, blocks, at = fixed.shape[1], [fixed], fixed.shape[1]
-        for name, column, values, gain in (*self._columns(), *self._simulated()):
+        self.fixed, self._blocks = fixed.shape[1], [fixed]
+        self._proposed = set[frozenset[str]]()
+        self.total, self.count = float(here.y @ here.y), int(here.ok.sum())
+        self._add(self._columns())
+
+    def simulate(self) -> None:
+        """Add the shapes without force columns."""
+        self._add(self._simulated())
+
+    def _add(self, added: Iterator[tuple[str, Column, FloatArray, float]]) -> None:
+        """Add shapes with their columns to the normal equations."""
+        problem, here = self.problem, self.here
+        at = sum(block.shape[1] for block in self._blocks)
+        for name, column, values, gain in added:
             width = values.shape[1]
             self.items.append(Item(name, column, tuple(range(at, at + width)), gain))
-            blocks.append(values)
+            self._blocks.append(values)
             at += width
-        c = np.concatenate(blocks, axis=1)
+        c = np.concatenate(self._blocks, axis=1)
         self.scale = np.maximum(np.linalg.norm(c, axis=0), 1e-300)
         c /= self.scale
         self.g, self.b = c.T @ c, -(c.T @ here.y)
@@ -152,7 +167,7 @@ class Gram:
         for one in self.items:
             self.least[one.at[0]] = 0.0 if one.column.positive else -np.inf
             self.most[one.at[0]] = one.column.most
-        self.total, self.count = float(here.y @ here.y), int(here.ok.sum())
+        vars(self).pop("_single", None)
         for name in self.names:
             some = [i.column for i in self.items if i.name == name]
             shapes = max([len(some), *(one.shapes for one in some)], default=1.0)
@@ -417,12 +432,17 @@ class Gram:
                 yield pair, name, start.axis, (*others, *start.free)
 
     def proposals(self, every: bool = False) -> list[Proposal]:
-        """Starts of fits, with the shapes whose cost is lowest in a pass.
+        """Starts of fits that it has not proposed yet, with the likeliest shapes in a pass.
 
         `every`: of every effect, whatever the linear prediction says.
         """
         every_one = [(gain, [g]) for gain, g in self._single.values() if gain > -math.inf]
-        sets = every_one if every else self.sets()
+        sets = [
+            (gain, some, names) for gain, some in (every_one if every else self.sets())
+            for names in (frozenset(self.items[g].name for g in some),)
+            if names not in self._proposed
+        ]  # fmt: skip
+        self._proposed.update(s[2] for s in sets)
         starts = self.problem.parallel(self._starts, [s[0] for s in sets], [s[1] for s in sets])
         return [*itertools.chain(*starts), *self._instead_of_base()]
 

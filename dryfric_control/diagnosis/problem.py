@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.compiled.innovations import DOUBTED
 from dryfric_control.compiled.likelihood import FREEDOM
 from dryfric_control.diagnosis.candidates import amounts, effect_class, holds, own_names, shown
 from dryfric_control.diagnosis.thresholds import BEHIND, CLEAR_OF, LEAST, MUTED, SAME_FORCE
 from dryfric_control.estimation.force_view import ForceView
-from dryfric_control.estimation.likelihood import BASE, Likelihood, Run
+from dryfric_control.estimation.likelihood import BASE, NORMAL, Likelihood, Run
 from dryfric_control.estimation.parameters import SHIFT, Scales, typical, values_of
 from dryfric_control.estimation.scoring import SOME, maximise
 from dryfric_control.estimation.solution import Solution
@@ -100,22 +99,26 @@ class Problem:
         """Whether the random force is too large, beside the friction, to explain anything."""
         return not self.imposed and fit.largest_force > max(MUTED * fit.axis.coulomb.mean, 0.0)
 
-    def spent(self, fit: Solution) -> bool:
-        """Whether no cause can be left: no force beside the friction, nor rare events.
+    def left(self, fit: Solution) -> float:
+        """Log-likelihood that causes may still gain on the data; infinite with a force left.
 
-        What acts rarely gains no more than what its outliers cost above the last doubtful reading,
-        and what spares assumptions no more than these cost.
+        What acts rarely gains no more than what its outliers cost above those of normal noise.
         """
         if self.imposed or not fit.largest_force < SAME_FORCE * fit.axis.coulomb.mean:
-            return False
-        assumed = fit.problem.prior(fit.z)
+            return math.inf
         rows = [
             out[0] ** 2 / out[1] for run, one in zip(fit.problem.runs, fit.point.out, strict=True)
             for out in (one[:, run.active & (one[1] > 0.0)],)
         ]  # fmt: skip
-        ratios = np.maximum(np.concatenate(rows), DOUBTED)
-        lost = np.log((FREEDOM + ratios) / (FREEDOM + DOUBTED))
-        return bool(assumed + 0.5 * (FREEDOM + 1.0) * lost.sum() < LEAST)
+        ratios = np.concatenate(rows)
+        # The largest of n squares of a normal variable is about 2 log n.
+        normal = 2.0 * math.log(max(ratios.size, 1)) / NORMAL
+        lost = np.log((FREEDOM + np.maximum(ratios, normal)) / (FREEDOM + normal))
+        return float(0.5 * (FREEDOM + 1.0) * lost.sum())
+
+    def spent(self, fit: Solution) -> bool:
+        """Whether no cause can be left: what spares assumptions gains what these cost, no more."""
+        return self.left(fit) + fit.problem.prior(fit.z) < LEAST
 
     @property
     def late(self) -> bool:

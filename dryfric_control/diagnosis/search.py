@@ -185,7 +185,7 @@ class Row:
     free: tuple[str, ...]
     fit: Solution
     evidence: float
-    predicted: float
+    first: tuple[float, float]  # falls of the cost at its first look
     reason: str = ""
 
 
@@ -337,7 +337,10 @@ class Search:
     def _looked_again(self, now: Model) -> list[Row]:
         """Every effect beside a model, fitted; found again by its causes."""
         key = frozenset(now.causes)
-        rows = self._fitted(now.fit, self._proposals(now, every=True))
+        grams = self._grams(now)
+        for gram in grams:
+            gram.simulate()
+        rows = self._fitted(now.fit, self._proposals(now, grams, every=True))
         self._rounds[key] = now.fit, [*self.round(now), *rows]
         return rows
 
@@ -354,37 +357,55 @@ class Search:
         top = max(r.evidence for r in good)
         return min((r for r in good if r.evidence > top - EQUAL), key=_assumptions)
 
-    def round(self, now: Model) -> list[Row]:
-        """Proposals beside a model, fitted; none where nothing is left to explain."""
+    def round(self, now: Model, other: Solution | None = None) -> list[Row]:
+        """Proposals beside a model, fitted; none where nothing is left to explain.
+
+        `other`: another explanation.
+        """
         if self.problem.spent(now.fit):
             return []
         key = frozenset(now.causes)
         if key in self._rounds and self._rounds[key][0].cost <= now.fit.cost + SLACK:
             return self._rounds[key][1]
-        rows = self._translated(now.fit, self._fitted(now.fit, self._proposals(now)))
+        grams = self._grams(now)
+        rows = self._fitted(now.fit, self._proposals(now, grams))
+        # Where one explanation leaves nothing, none that takes passes of the filter gains more.
+        fits = [now.fit, other or now.fit]
+        fits += [r.fit for r in rows if r.evidence > 0.0 and not r.reason]
+        if all(self.problem.left(fit) >= LEAST for fit in fits):
+            for gram in grams:
+                gram.simulate()
+            rows = self._fitted(now.fit, self._proposals(now, grams), rows)
+        rows = self._translated(now.fit, rows)
         if not now.causes:
             gains = {r.names[0]: now.fit.cost - r.fit.cost for r in rows if len(r.names) == 1}
             self.first = self.first | gains
         self._rounds[key] = now.fit, rows
         return rows
 
-    def _proposals(self, now: Model, every: bool = False) -> list[Proposal]:
-        """Starts beside the model, and beside it with its base at nominal if that has moved."""
-        names = self._addable(now)
+    def _grams(self, now: Model) -> list[Gram]:
+        """Normal equations beside the model, and with its base at nominal if that has moved."""
+        names, found = self._addable(now), list[Gram]()
+        for fit in (now.fit, *self._nominal(now.fit)):
+            if not self.problem.late:
+                found.append(Gram(self.problem, fit, names, self._fail))
+        if found and len(now.causes) > 1:
+            self._merges[frozenset(now.causes)] = [*found[0].merges(now.causes)]
+        return found
+
+    def _proposals(self, now: Model, grams: Sequence[Gram], every: bool = False) -> list[Proposal]:
+        """New starts beside the model, with its base as it is and at nominal."""
         best, chosen = dict[_Start, Proposal](), list[_Start]()
         self.early = 0.0
-        models = [(now.fit, PROPOSALS), *((n, PROPOSALS // 2) for n in self._nominal(now.fit))]
-        for fit, count in models:
+        for gram in grams:
             if self.problem.late:
                 break
-            gram = Gram(self.problem, fit, names, self._fail)
-            if fit is now.fit and len(now.causes) > 1:
-                self._merges[frozenset(now.causes)] = [*gram.merges(now.causes)]
+            count = PROPOSALS if gram.fit is now.fit else PROPOSALS // 2
             for name, odds in gram.odds.items():
                 self.odds[name] = max(odds, self.odds.get(name, 0.0))
             self.early, self.view = max(self.early, gram.early()), gram.here
             proposals = gram.proposals(every)
-            if not now.causes and fit is now.fit:
+            if not now.causes and gram.fit is now.fit:
                 self.first = gram.singles | self.first
             for one in proposals:
                 # What holds the base is wanted where that is at nominal: beside the last model.
@@ -443,8 +464,10 @@ class Search:
         there = problem.fit(axis, problem.free_of(fit), noises, 0, each=each_of(fit))
         return [there] if math.isfinite(there.cost) else []
 
-    def _fitted(self, now: Solution, proposals: Sequence[Proposal]) -> list[Row]:
-        """Full fits: all for a few iterations, the promising ones to the end."""
+    def _fitted(
+        self, now: Solution, proposals: Sequence[Proposal], before: Sequence[Row] = ()
+    ) -> list[Row]:
+        """Full fits after those before: all for a few steps, the promising ones to the end."""
         problem, free = self.problem, self.problem.free_of(now)
 
         # A proposal must gain at the noises at which it was proposed, where the cost is smooth.
@@ -501,15 +524,22 @@ class Search:
                 self._fail("+".join(one.names), str(wrong))
                 return None
 
-        def row(one: Proposal, fit: Solution) -> Row:
+        def row(look: Look, fit: Solution) -> Row:
+            one = look.proposal
             worth = evidence(now, fit, [self.odds[n] for n in one.names])
             reasons = [unsound(problem, fit, n, _own(one.free, n)) for n in one.names]
             reason = next(filter(None, reasons), "")
-            return Row(one.names, one.free, fit, worth, one.predicted, reason)
+            return Row(one.names, one.free, fit, worth, look.first, reason)
 
-        rows, first_of = list[Row](), dict[tuple[str, ...], tuple[float, float]]()
-        none = (-math.inf, (-math.inf, -math.inf))
-        top = none
+        def best() -> tuple[float, tuple[float, float]]:
+            good = [
+                (now.cost - r.fit.cost, r.first) for r in rows
+                if not r.reason and r.evidence > 0.0
+            ]  # fmt: skip
+            return max(good, default=(-math.inf, (-math.inf, -math.inf)))
+
+        rows = [*before]
+        top = best()
         single = [p for p in proposals if len(p.names) == 1]
         joined = [p for p in proposals if len(p.names) > 1]
         waiting = looked(single)
@@ -539,14 +569,9 @@ class Search:
                 continue
             turns = last.turns + FEW
             if fit.promised < ENOUGH or fit.iterations < FEW - 1 or turns >= SOME:
-                best = max((r.evidence for r in rows if not r.reason), default=0.0)
-                rows.append(self._restored(now, row(one, fit), best, one.held))
-                first_of[one.names] = last.first
-                falls = [
-                    (now.cost - r.fit.cost, first_of[r.names]) for r in rows
-                    if not r.reason and r.evidence > 0.0
-                ]  # fmt: skip
-                top = max(falls, default=none)
+                most = max((r.evidence for r in rows if not r.reason), default=0.0)
+                rows.append(self._restored(now, row(last, fit), most, one.held))
+                top = best()
             else:
                 hope = min(fit.promised, last.fit.cost - fit.cost)
                 waiting.append(Look(one, fit, hope, last.first, turns))
@@ -705,7 +730,7 @@ class Search:
                 return self.pruned(other)
         for name in sorted(now.worth, key=now.worth.__getitem__)[:EXCHANGED]:
             less = now.less[name]
-            for row in self.round(less):
+            for row in self.round(less, now.fit):
                 causes = (*less.causes, *row.names)
                 same = {*causes} == {*now.causes} or len(causes) > MOST
                 if same or row.reason or self.over(Model(row.fit, causes), now) < least:

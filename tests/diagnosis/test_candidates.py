@@ -114,22 +114,28 @@ def test_a_parameter_called_as_its_cause_is_named_once():
 
 
 @pytest.mark.parametrize(
-    ("machine", "push", "expected"),
+    ("machine", "push", "noise", "expected"),
     [
-        (AXIS, 0.0, True),
-        (AXIS.replace(mass=2.02), 0.0, True),
-        (AXIS.replace(effects=(dfc.effects.BiasForce(0.2),)), 0.0, False),
-        (AXIS, 15.0, False),  # a single event, which the record does not contain
+        (AXIS, 0.0, 0.0, True),
+        (AXIS.replace(mass=2.02), 0.0, 0.0, True),
+        # Its tail is no rare event.
+        (AXIS, 0.0, 3.0, True),
+        (AXIS.replace(effects=(dfc.effects.BiasForce(0.2),)), 0.0, 0.0, False),
+        (AXIS, 15.0, 0.0, False),  # a single event, which the record does not contain
+        (AXIS, 15.0, 0.5, False),
         # The same as three base parameters 43 % too small: one cause would spare them.
-        (AXIS.replace(effects=(dfc.effects.InputGain(0.7),)), 0.0, False),
+        (AXIS.replace(effects=(dfc.effects.InputGain(0.7),)), 0.0, 0.0, False),
     ],
-    ids="the nominal axis,a base parameter,a force,an event,assumptions".split(","),
+    ids="nominal,a base parameter,noise,a force,an event,an event in noise,assumptions".split(","),
 )
-def test_nothing_is_left_of_an_axis_with_other_base_parameters_alone(machine, push, expected):
+def test_nothing_is_left_of_an_axis_with_other_base_parameters_alone(
+    machine, push, noise, expected
+):
     t = 1e-3 * np.arange(4000)
     u = np.round(22.0 * np.sin(5.0 * t) + 12.0 * np.sin(16.0 * t + 1.0), 4)
     acts = u + push * ((t > 1.9995) & (t < 2.0045))
-    x = 1e-6 * np.round(1e6 * machine.simulate(acts, dt=1e-3).y[0])
+    scatter = noise * np.random.default_rng(5).standard_normal(t.size)
+    x = 1e-6 * np.round(1e6 * machine.simulate(acts, dt=1e-3).y[0] + scatter)
     problem = Problem(AXIS, (prepare(dfc.Record(t, u, x)),))
     assert problem.spent(problem.fit(AXIS)) == expected
 

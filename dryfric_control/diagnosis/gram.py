@@ -392,10 +392,11 @@ class Gram:
 
     def merges(
         self, causes: Sequence[str]
-    ) -> Iterator[tuple[tuple[str, str], str, FrictionAxis, tuple[str, ...]]]:
-        """Pairs of causes, with the simplest effect that acts as both while the axis slides.
+    ) -> Iterator[tuple[tuple[str, ...], str, FrictionAxis, tuple[str, ...]]]:
+        """Causes and pairs of them, with the simplest effect that acts as they do in sliding.
 
-        With its name come an axis with it in their place and the free parameters of that.
+        It has fewer parameters, of which each effect counts as one.  With its name come an axis
+        with it in their place and the free parameters of that.
         """
         here, problem, slides = self.here, self.problem, self.here.direction != 0.0
 
@@ -404,32 +405,36 @@ class Gram:
             return -difference(axis, cast(View, here))[slides]
 
         alone = {n: acting(n) for n in causes}
-        pairs = [*itertools.combinations([n for n in causes if np.any(alone[n])], 2)]
-        if not pairs:
+        there = [n for n in causes if np.any(alone[n])]
+        sets = [(n,) for n in there] + [*itertools.combinations(there, 2)]
+        if not sets:
             return
-        force = np.stack([acting(*pair) for pair in pairs], axis=1)
-        # One that leaves as much of the force as the larger of the two does is no better than it.
-        most = [
-            SAME**2 * min(_left(alone[n][:, None], force[:, [k]])[1][0] for n in pair)
-            for k, pair in enumerate(pairs)
-        ]
-        best = [(math.inf, math.inf, "", dict[str, float]())] * len(pairs)
+        force = np.stack([acting(*some) for some in sets], axis=1)
+
+        def rest(k: int, name: str) -> float:
+            others = [alone[n] for n in sets[k] if n != name]
+            return float(_left(np.column_stack([force[:, :0], *others]), force[:, [k]])[1][0])
+
+        # One that leaves as much of the force as these without one of them is no better than that.
+        most = [SAME**2 * min(rest(k, n) for n in some) for k, some in enumerate(sets)]
+        sizes = [sum(map(_size, some)) for some in sets]
+        best = [(math.inf, math.inf, "", dict[str, float]())] * len(sets)
         for one in (i for i in self.items if i.column.force):
             c, left = _left(np.stack(one.column.force, axis=1)[slides], force)
-            count = len(effect_class(one.name).named_parameters())
-            for k, pair in enumerate(pairs):
-                new = effect_class(one.name) not in map(effect_class, pair)
+            size = _size(one.name)
+            for k, some in enumerate(sets):
+                new = effect_class(one.name) not in map(effect_class, some) and size < sizes[k]
                 allowed = not (one.column.positive and c[0, k] <= 0.0)
-                if new and allowed and left[k] < most[k] and (count, left[k]) < best[k][:2]:
+                if new and allowed and left[k] < most[k] and (size, left[k]) < best[k][:2]:
                     values = dict(one.column.values(c[:, k].tolist()))
-                    best[k] = count, float(left[k]), one.name, values
+                    best[k] = size, float(left[k]), one.name, values
         free = problem.free_of(self.fit)
-        for pair, (*_, name, values) in zip(pairs, best, strict=True):
+        for some, (*_, name, values) in zip(sets, best, strict=True):
             if name:
-                rest = functools.reduce(problem.less, reversed(pair), self.fit.axis)
-                others = functools.reduce(problem.free_without, reversed(pair), free)
-                start = with_effect(rest, name, values)
-                yield pair, name, start.axis, (*others, *start.free)
+                bare = functools.reduce(problem.less, reversed(some), self.fit.axis)
+                others = functools.reduce(problem.free_without, reversed(some), free)
+                start = with_effect(bare, name, values)
+                yield some, name, start.axis, (*others, *start.free)
 
     def proposals(self, every: bool = False) -> list[Proposal]:
         """Starts of fits that it has not proposed yet, with the likeliest shapes in a pass.
@@ -555,6 +560,11 @@ class Gram:
         rise = np.clip(now * factor, low, high)
         none = np.maximum(c, 0.0) * self.here.size / self.here.fast
         return np.where(now != 0.0, rise, none)
+
+
+def _size(name: str) -> int:
+    """Number of an effect's parameters, and itself."""
+    return 1 + len(effect_class(name).named_parameters())
 
 
 def _left(columns: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -223,7 +223,7 @@ class Search:
     #: The best model so far.
     now: Any = None
     _rounds: dict[frozenset[str], tuple[Solution, list[Row]]] = field(default_factory=dict)
-    #: Starts with one effect in the place of two causes.
+    #: Starts with one effect in the place of a cause or two.
     _merges: dict[frozenset[str], list[Any]] = field(default_factory=dict)
     #: The pass of the last round.
     view: Linearised | None = None
@@ -389,7 +389,7 @@ class Search:
         for fit in (now.fit, *self._nominal(now.fit)):
             if not self.problem.late:
                 found.append(Gram(self.problem, fit, names, self._fail))
-        if found and len(now.causes) > 1:
+        if found and now.causes:
             self._merges[frozenset(now.causes)] = [*found[0].merges(now.causes)]
         return found
 
@@ -723,8 +723,8 @@ class Search:
         Another one is no less likely than a cause that it makes superfluous.
         """
         least = -LEAST - max(map(self._odds, now.causes)) - EQUAL
-        for pair, name, axis, free in self._merges.get(frozenset(now.causes), ()):
-            causes = functools.reduce(self.problem.free_without, reversed(pair), now.causes)
+        for some, name, axis, free in self._merges.get(frozenset(now.causes), ()):
+            causes = functools.reduce(self.problem.free_without, reversed(some), now.causes)
             other = Model(begun(self.problem, axis, free, now.fit), (*causes, name))
             if self.over(other, now) > 0.5 * EQUAL:
                 return self.pruned(other)

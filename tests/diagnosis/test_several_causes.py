@@ -96,3 +96,26 @@ def test_the_answer_is_the_likeliest_on_the_way(monkeypatch):
         monkeypatch.setattr(Search, "exchanged", lambda self, now: none)
         monkeypatch.setattr(Search, "best", lambda self, now: None)
         assert search.run(one).causes == ("spring",)
+
+
+@pytest.mark.slow
+def test_the_strongest_cause_gives_way_to_a_simpler_one_that_does_the_same():
+    # A weight is a cogging of one period a turn: with its period free it may be chosen first.
+    nominal = dfc.FrictionAxis(mass=0.1, viscous=0.3, coulomb=0.4, units=("rad", "N m"))
+    weaker = dfc.effects.ViscousAsymmetry(0.1), dfc.effects.CoulombAsymmetry(0.1)
+    true = nominal.replace(effects=(dfc.effects.Gravity(1.0, phase=0.3), *weaker))
+    t = 2e-3 * np.arange(2500)
+    u = 2.5 * np.sin(3.0 * t) + 1.2 * np.sin(7.3 * t)
+    seen = np.round(true.simulate(u, dt=2e-3).y[0] / 1e-5) * 1e-5
+    noisy = u + 0.02 * np.random.default_rng(4).standard_normal(t.size)
+    chosen = "cogging", "viscous_asymmetry", "coulomb_asymmetry"
+    with among("gravity", *chosen):
+        problem = Problem(nominal, (prepare(dfc.Record(t, noisy, seen)),))
+        start = nominal.replace(effects=(dfc.effects.Cogging(1.0, 6.3, 0.3 + np.pi / 2), *weaker))
+        fit = problem.fit(start, [n for one in chosen for n in own_names(one)])
+        search = Search(problem)
+        assert search.best(Model(search.alone())) is not None
+        now = search.pruned(Model(fit, chosen))
+        assert max(now.worth, key=now.worth.get) == "cogging"
+        assert search.best(now) is None
+        assert {*search.exchanged(now).causes} == {"gravity", *chosen[1:]}

@@ -712,7 +712,7 @@ class Search:
         before, after = surprises(less), surprises(more)
         simpler = before.sum() - after.sum() > before.max(initial=0.0) + LEAST
         fall, error = in_free_runs(self.problem, less, more)
-        return simpler or fall > max(FREE, NOTED * error)
+        return bool(simpler) or fall > max(FREE, NOTED * error)
 
     def _odds(self, name: str) -> float:
         return self.odds.get(name, self.odds.get(effect_class(name).slug, 0.0))

@@ -223,6 +223,8 @@ class Search:
     #: The best model so far.
     now: Any = None
     _rounds: dict[frozenset[str], tuple[Solution, list[Row]]] = field(default_factory=dict)
+    #: Those without shapes that take passes, which another explanation spared.
+    _spared_rounds: set[frozenset[str]] = field(default_factory=set)
     #: Starts with one effect in the place of a cause or two.
     _merges: dict[frozenset[str], list[Any]] = field(default_factory=dict)
     #: The pass of the last round.
@@ -366,16 +368,20 @@ class Search:
             return []
         key = frozenset(now.causes)
         if key in self._rounds and self._rounds[key][0].cost <= now.fit.cost + SLACK:
-            return self._rounds[key][1]
+            if other is not None or key not in self._spared_rounds:
+                return self._rounds[key][1]
         grams = self._grams(now)
         rows = self._fitted(now.fit, self._proposals(now, grams))
         # Where one explanation leaves nothing, none that takes passes of the filter gains more.
-        fits = [now.fit, other or now.fit]
-        fits += [r.fit for r in rows if r.evidence > 0.0 and not r.reason]
+        fits = [now.fit, *(r.fit for r in rows if r.evidence > 0.0 and not r.reason)]
+        self._spared_rounds.discard(key)
         if all(self.problem.left(fit) >= LEAST for fit in fits):
-            for gram in grams:
-                gram.simulate()
-            rows = self._fitted(now.fit, self._proposals(now, grams), rows)
+            if other is not None and self.problem.left(other) < LEAST:
+                self._spared_rounds.add(key)
+            else:
+                for gram in grams:
+                    gram.simulate()
+                rows = self._fitted(now.fit, self._proposals(now, grams), rows)
         rows = self._translated(now.fit, rows)
         if not now.causes:
             gains = {r.names[0]: now.fit.cost - r.fit.cost for r in rows if len(r.names) == 1}

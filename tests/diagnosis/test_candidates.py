@@ -9,7 +9,7 @@ from diagnosis_cases import among, driven
 import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import placed
 from dryfric_control.diagnosis.causes import cause_of, changing, hardly_determined
-from dryfric_control.diagnosis.invariants import unsound
+from dryfric_control.diagnosis.invariants import impossible, unsound
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.search import Model, Search
 from dryfric_control.estimation.likelihood import prepare
@@ -179,3 +179,29 @@ def test_a_cause_that_acts_in_one_half_alone_is_the_same_throughout():
     now = search.pruned(Model(problem.fit(SPRUNG, SPRING), ("spring",)))
     assert now.causes == ("spring",)
     assert changing(search, now, now.fit) == ""
+
+
+# -- what no machine can have, and what is looked at again -------------------------------
+
+
+@pytest.mark.parametrize("apart, reason", [(1e-4, "implausible values"), (0.25, "")])
+def test_an_end_stop_has_travel_before_it(apart, reason):
+    # Two stops that lie together in the middle of the travel push as a spring does.
+    ends = dfc.effects.EndStop(0.05 - 0.5 * apart, 0.05 + 0.5 * apart, 40.0)
+    axis = AXIS.replace(effects=(ends,), travel=(-1.0, 1.0))
+    problem = Problem(axis, (prepare(driven(SPRUNG)),))
+    own = [f"end_stop.{n}" for n in ("low", "high", "stiffness")]
+    assert impossible(problem, problem.fit(axis, own, turns=0), "end_stop", own) == reason
+
+
+def test_a_round_beside_an_explanation_is_not_that_of_the_model_alone():
+    play = AXIS.replace(effects=(dfc.effects.Backlash(gap=2e-3, load_fraction=0.3),))
+    problem = Problem(AXIS, (prepare(driven(play, 2.0)),))
+    own = ("backlash.gap", "backlash.load_fraction")
+    now, clean = Model(problem.fit(AXIS)), problem.fit(play, own)
+    with among("backlash", "bias_force"):
+        search = Search(problem)
+        beside = [row.names for row in search.round(now, clean)]
+        alone = [row.names for row in search.round(now)]
+    assert ("backlash",) not in beside
+    assert ("backlash",) in alone

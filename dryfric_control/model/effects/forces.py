@@ -199,7 +199,8 @@ class EndStop(Effect):
     .. math:: w \to w - \max(0,\ \text{stiffness} \cdot d + \text{damping} \cdot \dot d)
         \quad \text{where } d = x - \text{high} > 0
 
-    and likewise at the lower end: a stop pushes, it never pulls.
+    and likewise at the lower end: a stop pushes, it never pulls. A diagnosis does not name
+    stops that lie closer together than friction holds the axis in both: they are a spring.
 
     Examples
     --------
@@ -236,6 +237,11 @@ class EndStop(Effect):
     def stiffest(self) -> float:
         """Stiffness of the stops."""
         return self.stiffness
+
+    def plausible(self, axis: BaseAxis) -> bool:
+        # An end has travel before it: where friction holds the axis deeper in both stops than they
+        # lie apart, they are a spring.
+        return self.stiffness * (self.high - self.low) >= axis.coulomb.mean
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]

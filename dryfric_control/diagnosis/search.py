@@ -513,12 +513,19 @@ class Search:
                 return None
 
         def looked(some: Sequence[Proposal]) -> list[Look]:
-            # What no machine can have must not outdo what it may.
-            return [
-                one for p, one in zip(some, problem.parallel(first, some), strict=True)
-                if one is not None
-                and not any(impossible(problem, one.fit, n, _own(p.free, n)) for n in p.names)
-            ]  # fmt: skip
+            # What no machine can have must not outdo what it may; the others of a joined
+            # proposal go on without it.
+            found, rest = list[Look](), list[Proposal]()
+            for one in filter(None, problem.parallel(first, some)):
+                names, own = one.proposal.names, one.proposal.free
+                lost = [n for n in names if impossible(problem, one.fit, n, _own(own, n))]
+                if not lost:
+                    found.append(one)
+                elif len(lost) < len(names):
+                    rest.append(self._rest(one, lost))
+            tried = {*(p.names for p in proposals), *(r.names for r in before)}
+            rest = [one for one in rest if one.names not in tried]
+            return [*found, *looked(rest)] if rest else found
 
         def further(one: Proposal, fit: Solution, turns: int) -> Solution | None:
             try:
@@ -581,6 +588,21 @@ class Search:
             else:
                 hope = min(fit.promised, last.fit.cost - fit.cost)
                 waiting.append(Look(one, fit, hope, last.first, turns))
+
+    def _rest(self, look: Look, lost: Sequence[str]) -> Proposal:
+        """A proposal without some of its effects, from where its look ended."""
+        problem, one = self.problem, look.proposal
+
+        def spared(names: Sequence[str]) -> tuple[str, ...]:
+            return functools.reduce(problem.free_without, reversed(lost), tuple(names))
+
+        def bare(axis: FrictionAxis) -> FrictionAxis:
+            return functools.reduce(problem.less, reversed(lost), axis)
+
+        return Proposal(
+            spared(one.names), bare(look.fit.axis), spared(one.free), look.fit.cost, 0.0,
+            one.held and bare(one.held), spared(one.remembers), one.quieter,
+        )  # fmt: skip
 
     def _restored(self, now: Solution, row: Row, top: float, start: FrictionAxis | None) -> Row:
         """The row with the base back at nominal where that may decide which one is best."""

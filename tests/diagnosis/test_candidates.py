@@ -9,6 +9,7 @@ from diagnosis_cases import among, driven
 import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import placed
 from dryfric_control.diagnosis.causes import cause_of, changing, hardly_determined
+from dryfric_control.diagnosis.gram import Proposal
 from dryfric_control.diagnosis.invariants import impossible, unsound
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.search import Model, Search
@@ -205,3 +206,14 @@ def test_a_round_beside_an_explanation_is_not_that_of_the_model_alone():
         alone = [row.names for row in search.round(now)]
     assert ("backlash",) not in beside
     assert ("backlash",) in alone
+
+
+def test_a_joined_proposal_goes_on_without_what_comes_to_nothing():
+    problem = Problem(AXIS, (prepare(driven(SPRUNG)),))
+    axis = AXIS.replace(effects=(dfc.effects.Saturation(60.0), *SPRUNG.effects))
+    both = Proposal(("saturation", "spring"), axis, ("saturation.limit", *SPRING), 0.0, 100.0)
+    with among("saturation", "spring"):
+        search = Search(problem, odds={"saturation": 0.0, "spring": 0.0})
+        (row,) = search._fitted(problem.fit(AXIS), [both])
+    assert row.names == ("spring",)
+    assert row.fit.values()["spring.stiffness"] == pytest.approx(40.0, rel=1e-3)

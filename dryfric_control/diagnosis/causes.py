@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from dryfric_control.diagnosis.candidates import SLUGS, effect_class, holds
+from dryfric_control.diagnosis.criterion import evidence, prior_of
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.report.findings import Cause
-from dryfric_control.diagnosis.search import Model, Search, evidence, prior_of
+from dryfric_control.diagnosis.search import Model, Search
 from dryfric_control.diagnosis.thresholds import CLEAR, EQUAL, LEAST, NOTABLE, RIGHT, SAME
 from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import values_of, with_values

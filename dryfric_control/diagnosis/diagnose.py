@@ -21,13 +21,14 @@ from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
 from dryfric_control.diagnosis.candidates import SLUGS
 from dryfric_control.diagnosis.causes import causes_of, changing, hardly_determined, rival, varying
+from dryfric_control.diagnosis.criterion import evidence
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, moving, quieter
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import LATE
-from dryfric_control.diagnosis.search import Model, Search, evidence
+from dryfric_control.diagnosis.search import Model, Search
 from dryfric_control.diagnosis.thresholds import (
     AHEAD,
     ANSWER,

@@ -19,9 +19,10 @@ from dryfric_control.diagnosis.candidates import (
     own_names,
     with_effect,
 )
+from dryfric_control.diagnosis.criterion import evidence
 from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.problem import BIAS, Problem, each_of, noises_of
-from dryfric_control.diagnosis.search import Model, Search, evidence
+from dryfric_control.diagnosis.search import Model, Search
 from dryfric_control.estimation.force_view import ForceRun, ForceView, prepare_force
 from dryfric_control.estimation.input_noise import without_noise
 from dryfric_control.estimation.likelihood import Run

@@ -16,15 +16,15 @@ from dryfric_control.diagnosis.candidates import (
     effect_class,
     forms,
     held_by,
-    with_effect,
 )
-from dryfric_control.diagnosis.gram import Gram, Proposal, raised, scaled
-from dryfric_control.diagnosis.invariants import impossible, in_free_runs, unsound
+from dryfric_control.diagnosis.criterion import cost_of, evidence, surprises
+from dryfric_control.diagnosis.gram import Gram, Proposal
+from dryfric_control.diagnosis.invariants import in_free_runs, unsound
 from dryfric_control.diagnosis.linearised import Linearised
+from dryfric_control.diagnosis.looks import Looks, Row, begun
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
     AHEAD,
-    ENOUGH,
     EQUAL,
     EXCHANGED,
     FREE,
@@ -34,15 +34,11 @@ from dryfric_control.diagnosis.thresholds import (
     NOTED,
     OUTSTANDING,
     PROPOSALS,
-    SCANNED,
     SLACK,
     STRONG,
-    WALKED,
 )  # fmt: skip
-from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.estimation.parameters import values_of, with_values
-from dryfric_control.estimation.random_force import long_run
-from dryfric_control.estimation.scoring import FEW, SOME, continued, held, maximise, with_force
+from dryfric_control.estimation.scoring import FEW, SOME, continued, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
@@ -50,143 +46,6 @@ from dryfric_control.model.effects.naming import named
 FloatArray = NDArray[np.float64]
 #: Causes, their free parameters, the random force, and whether they are instead of the base.
 _Start = tuple[frozenset[str], frozenset[str], float, bool]
-
-
-def evidence(less: Solution, more: Solution, odds: Sequence[float] = (0.0,)) -> float:
-    """Log-likelihood of held-out data that `more` gains over `less`, net of its assumptions.
-
-    Blocks are predicted with parameters fitted without their half.  Each cause costs LEAST
-    and the logarithm of the number of shapes that were searched, of which held-out data know
-    nothing; wrong base parameters cost by their prior.  Coloured innovations count as fewer.
-    No cause gains more on data that its parameters have not seen than on those that they have.
-    Where there is no axis without the cause, it is infinite.
-    """
-    if not less.point.out:
-        return math.inf
-    prior = less.problem.prior(less.z) - more.problem.prior(more.z)
-    seen = less.cost - more.cost - prior
-    costs = sum(LEAST + one for one in odds)
-    if seen + prior <= costs:
-        return seen + prior - costs
-    fall = less.held_out() - more.held_out()
-    gain = min(float(fall[np.isfinite(fall)].sum()), seen)
-    return gain / long_run(more) + prior - costs
-
-
-def begun(
-    problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution, turns: int = SOME,
-    **settings: Any,
-) -> Solution:  # fmt: skip
-    """Fit beside a model, from its noises if it starts as likely, else from a large random force.
-
-    From far away a small random force leads to a local minimum, thousands of units too high: with
-    a large one the filter follows the readings, and the cost is smooth.
-    """
-    likelihood = problem.likelihood(axis, free, each=each_of(now), **settings)
-    z = likelihood.start(noises=noises_of(now))
-    if likelihood.tried(z).cost > now.cost + SLACK:
-        z = likelihood.start(1.0)
-    return maximise(likelihood, z, turns, problem.until)
-
-
-def walked(
-    likelihood: Likelihood, z: FloatArray, own: Sequence[str], noises: FloatArray
-) -> FloatArray:
-    """Parameters of a shape with a memory, each tried at factors of its value.
-
-    With a large random force the filter follows the readings and the cost is smooth, but for
-    ridges that slopes do not cross.
-    """
-    start = z = with_force(likelihood, z)
-    for factors in WALKED:
-        z = along(likelihood, z, own, factors)
-    # What a large random force hides is not decided there.
-    return min((start, z), key=lambda at: likelihood.tried(with_noises(at, noises)).cost)
-
-
-def along(
-    likelihood: Likelihood, z: FloatArray, own: Sequence[str], factors: Sequence[float]
-) -> FloatArray:
-    """Each of some parameters in turn at the likeliest factor of its value.
-
-    A play that is wider than any crossing is as likely at any width: the right one is a ridge
-    beside a plain, and slopes do not lead there.
-    """
-    for j, p in enumerate(likelihood.parameters):
-        if p.name not in own or p.value(z[j]) == 0.0:
-            continue
-        tried = [z.copy() for _ in factors]
-        for new, factor in zip(tried, factors, strict=True):
-            new[j] = np.clip(
-                p.search(factor * p.value(z[j])), likelihood.low[j], likelihood.high[j]
-            )
-        z = min((z, *tried), key=lambda at: likelihood.tried(at).cost)
-    return z
-
-
-def with_noises(z: FloatArray, noises: FloatArray) -> FloatArray:
-    """Coordinates with other noises."""
-    return np.concatenate((z[: z.size - noises.size], noises))
-
-
-def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Solution:
-    """The fit, or one with base parameters back at nominal if that is likelier.
-
-    Where a cause and all base parameters together do the same, their prior alone decides, and
-    its valley at the nominal values is narrow.  `start`: where to begin.
-    """
-    names = [n for n in problem.base if n in fit.problem.names and n not in problem.own]
-    if start is None or not names or fit.problem.prior(fit.z) < LEAST:
-        return fit
-    free = problem.free_of(fit)
-    axis = with_values(start, names, [problem.nominal[n] for n in names])
-    back = begun(problem, axis, free, fit, base=())
-    if back.cost > fit.cost:
-        return fit
-    again = problem.fit(back.axis, free, noises_of(back), SOME, each=each_of(back))
-    return min(fit, again, key=cost_of)
-
-
-def cost_of(fit: Solution) -> float:
-    """Cost of a fit, to choose one by it."""
-    return fit.cost
-
-
-def prior_of(fit: Solution) -> float:
-    """Prior cost of a fit."""
-    return fit.problem.prior(fit.z)
-
-
-def surprises(fit: Solution) -> FloatArray:
-    """What each wrong nominal value of a fit costs as an assumption of its own."""
-    return fit.problem.surprises(fit.z)
-
-
-@dataclass(frozen=True, eq=False)
-class Look:
-    """A proposal while it is fitted.
-
-    `hope`: fall of the cost that another step may bring; `first`: falls at the first look, where
-    the cost is smooth and with free noises.
-    """
-
-    proposal: Proposal
-    fit: Solution
-    hope: float
-    first: tuple[float, float]
-    turns: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class Row:
-    """A proposal after its fit."""
-
-    names: tuple[str, ...]
-    free: tuple[str, ...]
-    fit: Solution
-    evidence: float
-    first: tuple[float, float]  # falls of the cost at its first look
-    reason: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,9 +201,10 @@ class Search:
         grams = self._grams(now)
         for gram in grams:
             gram.simulate()
-        rows = self._fitted(now.fit, self._proposals(now, grams, every=True))
-        self._rounds[key] = now.fit, [*self.round(now), *rows]
-        return rows
+        looks = Looks(self.problem, now.fit, self.odds, self._fail)
+        looks.fit(self._proposals(now, grams, every=True))
+        self._rounds[key] = now.fit, [*self.round(now), *looks.rows]
+        return looks.rows
 
     def _chosen(self, now: Model, rows: Sequence[Row]) -> Row | None:
         room = MOST - len(now.causes)
@@ -371,9 +231,10 @@ class Search:
             if other is not None or key not in self._spared_rounds:
                 return self._rounds[key][1]
         grams = self._grams(now)
-        rows = self._fitted(now.fit, self._proposals(now, grams))
+        looks = Looks(self.problem, now.fit, self.odds, self._fail)
+        looks.fit(self._proposals(now, grams))
         # Where one explanation leaves nothing, none that takes passes of the filter gains more.
-        fits = [now.fit, *(r.fit for r in rows if r.evidence > 0.0 and not r.reason)]
+        fits = [now.fit, *(r.fit for r in looks.good)]
         self._spared_rounds.discard(key)
         if all(self.problem.left(fit) >= LEAST for fit in fits):
             if other is not None and self.problem.left(other) < LEAST:
@@ -381,8 +242,10 @@ class Search:
             else:
                 for gram in grams:
                     gram.simulate()
-                rows = self._fitted(now.fit, self._proposals(now, grams), rows)
-        rows = self._translated(now.fit, rows)
+                looks.fit(self._proposals(now, grams))
+        if self.view is not None:
+            looks.translate(self.view)
+        rows = looks.rows
         if not now.causes:
             gains = {r.names[0]: now.fit.cost - r.fit.cost for r in rows if len(r.names) == 1}
             self.first = self.first | gains
@@ -469,204 +332,6 @@ class Search:
         noises = problem.reference(axis, noises=noises_of(fit)).z[-2 * len(problem.runs) :]
         there = problem.fit(axis, problem.free_of(fit), noises, 0, each=each_of(fit))
         return [there] if math.isfinite(there.cost) else []
-
-    def _fitted(
-        self, now: Solution, proposals: Sequence[Proposal], before: Sequence[Row] = ()
-    ) -> list[Row]:
-        """Full fits after those before: all for a few steps, the promising ones to the end."""
-        problem, free = self.problem, self.problem.free_of(now)
-
-        # A proposal must gain at the noises at which it was proposed, where the cost is smooth.
-        noises, levels = raised(problem, now), dict[float, float]()
-        model = problem.likelihood(now.axis, free, each=each_of(now))
-        for part in {one.quieter for one in proposals}:
-            start = model.start(noises=scaled(noises, part))
-            levels[part] = held(model, start, until=problem.until).cost
-
-        def first(one: Proposal) -> Look | None:
-            try:
-                likelihood = problem.likelihood(one.axis, (*free, *one.free), each=each_of(now))
-                # A random force that accelerates as much.
-                alike = scaled(noises, one.quieter * one.axis.mass / now.axis.mass)
-                starts = [likelihood.start(noises=alike)]
-                if one.remembers:
-                    starts = [walked(likelihood, starts[0], one.remembers, alike)]
-                    # There the base takes up what the shape should, which may lead astray.
-                    starts.append(continued(likelihood, starts[0], until=problem.until))
-                fit = min(
-                    (held(likelihood, with_noises(z, alike), until=problem.until) for z in starts),
-                    key=cost_of,
-                )
-                if one.remembers and math.isfinite(fit.cost):
-                    there = along(likelihood, fit.z, one.remembers, SCANNED)
-                    fit = held(likelihood, there, until=problem.until)
-                if not math.isfinite(fit.cost):
-                    likelihood.at(fit.z)  # says why there is no such axis
-                    return None
-                smooth = levels[one.quieter] - fit.cost
-                if smooth + AHEAD * fit.promised < 0.5 * self._needed(one):
-                    return None
-                fit = maximise(likelihood, fit.z, FEW, problem.until, True)
-                return Look(one, fit, fit.promised, (smooth, now.cost - fit.cost))
-            except (ValueError, ArithmeticError) as wrong:
-                self._fail("+".join(one.names), str(wrong))
-                return None
-
-        def looked(some: Sequence[Proposal]) -> list[Look]:
-            # What no machine can have must not outdo what it may; the others of a joined
-            # proposal go on without it.
-            found, rest = list[Look](), list[Proposal]()
-            for one in filter(None, problem.parallel(first, some)):
-                names, own = one.proposal.names, one.proposal.free
-                lost = [n for n in names if impossible(problem, one.fit, n, _own(own, n))]
-                if not lost:
-                    found.append(one)
-                elif len(lost) < len(names):
-                    rest.append(self._rest(one, lost))
-            tried = {*(p.names for p in proposals), *(r.names for r in before)}
-            rest = [one for one in rest if one.names not in tried]
-            return [*found, *looked(rest)] if rest else found
-
-        def further(one: Proposal, fit: Solution, turns: int) -> Solution | None:
-            try:
-                if turns:
-                    return maximise(fit.problem, fit.z, FEW, problem.until, again=True)
-                names = (*free, *one.free)
-                return problem.fit(fit.axis, names, noises_of(fit), FEW, each=each_of(fit))
-            except (ValueError, ArithmeticError) as wrong:
-                self._fail("+".join(one.names), str(wrong))
-                return None
-
-        def row(look: Look, fit: Solution) -> Row:
-            one = look.proposal
-            worth = evidence(now, fit, [self.odds[n] for n in one.names])
-            reasons = [unsound(problem, fit, n, _own(one.free, n)) for n in one.names]
-            reason = next(filter(None, reasons), "")
-            return Row(one.names, one.free, fit, worth, look.first, reason)
-
-        def best() -> tuple[float, tuple[float, float]]:
-            good = [
-                (now.cost - r.fit.cost, r.first) for r in rows
-                if not r.reason and r.evidence > 0.0
-            ]  # fmt: skip
-            return max(good, default=(-math.inf, (-math.inf, -math.inf)))
-
-        rows = [*before]
-        top = best()
-        single = [p for p in proposals if len(p.names) == 1]
-        joined = [p for p in proposals if len(p.names) > 1]
-        waiting = looked(single)
-        while True:
-            # The most promising goes on; what can neither pay nor outdo the best is left, and
-            # joined causes of which one alone fits better: the next round begins there.
-            reached = [(r.names, r.fit.cost) for r in rows]
-            reached += [(one.proposal.names, one.fit.cost) for one in waiting]
-            waiting = [
-                one for one in waiting
-                if self._hopeful(now, one, top) and not any(
-                    {*names} < {*one.proposal.names} and cost <= one.fit.cost
-                    for names, cost in reached
-                )
-            ]  # fmt: skip
-            if not waiting and joined:
-                # Joined causes are looked at if they promise more than single ones reached.
-                waiting = looked([p for p in joined if p.predicted > top[0] - SLACK])
-                joined = []
-                continue
-            if not waiting:
-                return rows
-            last = min(waiting, key=lambda one: one.fit.cost - AHEAD * one.hope)
-            waiting.remove(last)
-            one, fit = last.proposal, further(last.proposal, last.fit, last.turns)
-            if fit is None:
-                continue
-            turns = last.turns + FEW
-            if fit.promised < ENOUGH or fit.iterations < FEW - 1 or turns >= SOME:
-                most = max((r.evidence for r in rows if not r.reason), default=0.0)
-                rows.append(self._restored(now, row(last, fit), most, one.held))
-                top = best()
-            else:
-                hope = min(fit.promised, last.fit.cost - fit.cost)
-                waiting.append(Look(one, fit, hope, last.first, turns))
-
-    def _rest(self, look: Look, lost: Sequence[str]) -> Proposal:
-        """A proposal without some of its effects, from where its look ended."""
-        problem, one = self.problem, look.proposal
-
-        def spared(names: Sequence[str]) -> tuple[str, ...]:
-            return functools.reduce(problem.free_without, reversed(lost), tuple(names))
-
-        def bare(axis: FrictionAxis) -> FrictionAxis:
-            return functools.reduce(problem.less, reversed(lost), axis)
-
-        return Proposal(
-            spared(one.names), bare(look.fit.axis), spared(one.free), look.fit.cost, 0.0,
-            one.held and bare(one.held), spared(one.remembers), one.quieter,
-        )  # fmt: skip
-
-    def _restored(self, now: Solution, row: Row, top: float, start: FrictionAxis | None) -> Row:
-        """The row with the base back at nominal where that may decide which one is best."""
-        if row.reason or row.evidence + prior_of(row.fit) < max(top, 0.0):
-            return row
-        fit = restored(self.problem, row.fit, start)
-        if fit is row.fit:
-            return row
-        worth = evidence(now, fit, [self.odds[n] for n in row.names])
-        return replace(row, fit=fit, evidence=worth)
-
-    def _translated(self, now: Solution, rows: list[Row]) -> list[Row]:
-        """The rows, those that act as the best one does fitted again from where that one ended.
-
-        A rough cost would choose between equals by chance.
-        """
-        good = [r for r in rows if len(r.names) == 1 and not r.reason]
-        if self.view is None or len(good) < 2:
-            return rows
-        top, view, problem = max(good, key=lambda r: r.evidence), self.view, self.problem
-        effect, base = named(top.fit.axis)[top.names[0]], problem.base
-
-        def one(row: Row) -> Row:
-            name = row.names[0]
-            if row is top or len(row.names) > 1 or row.fit.cost <= top.fit.cost:
-                return row
-            same = view.same_force(effect, name, base)
-            if same is None:
-                return row
-            axis = problem.less(top.fit.axis, top.names[0])
-            moved = values_of(axis, base) * (1.0 - same[1])
-            free = (*problem.free_of(now), *row.free)
-            try:
-                axis = with_effect(with_values(axis, base, moved), name, same[0]).axis
-                fit = problem.fit(axis, free, noises_of(top.fit), SOME, each=each_of(top.fit))
-            except ValueError:
-                return row  # no axis can have these values
-            if fit.cost >= row.fit.cost:
-                return row
-            worth = evidence(now, fit, [self.odds[n] for n in row.names])
-            reason = unsound(problem, fit, name, _own(row.free, name))
-            return replace(row, fit=fit, evidence=worth, reason=reason)
-
-        return problem.parallel(one, rows)
-
-    def _needed(self, one: Proposal) -> float:
-        """What the causes of a proposal cost."""
-        return sum(LEAST + self.odds[n] for n in one.names)
-
-    def _hopeful(self, now: Solution, look: Look, top: tuple[float, tuple[float, float]]) -> bool:
-        """Whether a fit may still gain what its causes cost, and as much as the best one.
-
-        `top`: what that gained in the end, and at its first look: looks are compared with looks.
-        """
-        one, fit = look.proposal, look.fit
-        prior = fit.problem.prior(fit.z) - now.problem.prior(now.z)
-        gain = now.cost - fit.cost + AHEAD * look.hope
-        equal = not look.turns and any(
-            one > other - SLACK for one, other in zip(look.first, top[1], strict=True)
-        )
-        if not look.turns:
-            gain = max(gain, one.predicted)  # a quick look may end where a cost is rough
-        pays = gain + max(prior, 0.0) > 0.5 * self._needed(one)
-        return pays and (equal or gain > top[0] - SLACK)
 
     def without(self, now: Model, name: str) -> Model:
         """The model fitted without one cause; those of its kind are counted again."""
@@ -792,10 +457,6 @@ class Search:
 def _start_of(one: Proposal) -> _Start:
     """What tells starts of fits apart: causes, random force, whether instead of the base."""
     return frozenset(one.names), frozenset(one.free), one.quieter, one.held is None
-
-
-def _own(free: Sequence[str], name: str) -> tuple[str, ...]:
-    return tuple(n for n in free if n.startswith(f"{name}."))
 
 
 def _simpler(one: Row, other: Row) -> bool:

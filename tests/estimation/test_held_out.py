@@ -5,10 +5,10 @@ import pytest
 from scipy.signal import lfilter
 
 import dryfric_control as dfc
+from dryfric_control.diagnosis.criterion import evidence
 from dryfric_control.diagnosis.problem import Problem
-from dryfric_control.diagnosis.search import evidence, long_run
 from dryfric_control.estimation.likelihood import Likelihood, prepare
-from dryfric_control.estimation.random_force import integrated, products
+from dryfric_control.estimation.random_force import integrated, long_run, products
 from dryfric_control.estimation.scoring import maximise
 
 DT = 1e-3

@@ -1,0 +1,360 @@
+"""Fits of proposals beside a model: all for a few steps, the promising ones to the end."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dryfric_control.diagnosis.candidates import with_effect
+from dryfric_control.diagnosis.criterion import cost_of, evidence, prior_of
+from dryfric_control.diagnosis.gram import Proposal, raised, scaled
+from dryfric_control.diagnosis.invariants import impossible, unsound
+from dryfric_control.diagnosis.linearised import Linearised
+from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
+from dryfric_control.diagnosis.thresholds import (
+    AHEAD,
+    ENOUGH,
+    LEAST,
+    SCANNED,
+    SLACK,
+    WALKED,
+)  # fmt: skip
+from dryfric_control.estimation.likelihood import Likelihood
+from dryfric_control.estimation.parameters import values_of, with_values
+from dryfric_control.estimation.scoring import FEW, SOME, continued, held, maximise, with_force
+from dryfric_control.estimation.solution import Solution
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.naming import named
+
+FloatArray = NDArray[np.float64]
+#: Gain of a fit in the end, and falls of the cost at its first look.
+_Top = tuple[float, tuple[float, float]]
+
+
+def begun(
+    problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution, turns: int = SOME,
+    **settings: Any,
+) -> Solution:  # fmt: skip
+    """Fit beside a model, from its noises if it starts as likely, else from a large random force.
+
+    From far away a small random force leads to a local minimum, thousands of units too high: with
+    a large one the filter follows the readings, and the cost is smooth.
+    """
+    likelihood = problem.likelihood(axis, free, each=each_of(now), **settings)
+    z = likelihood.start(noises=noises_of(now))
+    if likelihood.tried(z).cost > now.cost + SLACK:
+        z = likelihood.start(1.0)
+    return maximise(likelihood, z, turns, problem.until)
+
+
+def walked(
+    likelihood: Likelihood, z: FloatArray, own: Sequence[str], noises: FloatArray
+) -> FloatArray:
+    """Parameters of a shape with a memory, each tried at factors of its value.
+
+    With a large random force the filter follows the readings and the cost is smooth, but for
+    ridges that slopes do not cross.
+    """
+    start = z = with_force(likelihood, z)
+    for factors in WALKED:
+        z = along(likelihood, z, own, factors)
+    # What a large random force hides is not decided there.
+    return min((start, z), key=lambda at: likelihood.tried(with_noises(at, noises)).cost)
+
+
+def along(
+    likelihood: Likelihood, z: FloatArray, own: Sequence[str], factors: Sequence[float]
+) -> FloatArray:
+    """Each of some parameters in turn at the likeliest factor of its value.
+
+    A play that is wider than any crossing is as likely at any width: the right one is a ridge
+    beside a plain, and slopes do not lead there.
+    """
+    for j, p in enumerate(likelihood.parameters):
+        if p.name not in own or p.value(z[j]) == 0.0:
+            continue
+        tried = [z.copy() for _ in factors]
+        for new, factor in zip(tried, factors, strict=True):
+            new[j] = np.clip(
+                p.search(factor * p.value(z[j])), likelihood.low[j], likelihood.high[j]
+            )
+        z = min((z, *tried), key=lambda at: likelihood.tried(at).cost)
+    return z
+
+
+def with_noises(z: FloatArray, noises: FloatArray) -> FloatArray:
+    """Coordinates with other noises."""
+    return np.concatenate((z[: z.size - noises.size], noises))
+
+
+def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Solution:
+    """The fit, or one with base parameters back at nominal if that is likelier.
+
+    Where a cause and all base parameters together do the same, their prior alone decides, and
+    its valley at the nominal values is narrow.  `start`: where to begin.
+    """
+    names = [n for n in problem.base if n in fit.problem.names and n not in problem.own]
+    if start is None or not names or fit.problem.prior(fit.z) < LEAST:
+        return fit
+    free = problem.free_of(fit)
+    axis = with_values(start, names, [problem.nominal[n] for n in names])
+    back = begun(problem, axis, free, fit, base=())
+    if back.cost > fit.cost:
+        return fit
+    again = problem.fit(back.axis, free, noises_of(back), SOME, each=each_of(back))
+    return min(fit, again, key=cost_of)
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A proposal while it is fitted.
+
+    `hope`: fall of the cost that another step may bring; `first`: falls at the first look, where
+    the cost is smooth and with free noises.
+    """
+
+    proposal: Proposal
+    fit: Solution
+    hope: float
+    first: tuple[float, float]
+    turns: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """A proposal after its fit."""
+
+    names: tuple[str, ...]
+    free: tuple[str, ...]
+    fit: Solution
+    evidence: float
+    first: tuple[float, float]  # falls of the cost at its first look
+    reason: str = ""
+
+
+@dataclass(eq=False)
+class Looks:
+    """Fits of proposals beside one model."""
+
+    problem: Problem
+    now: Solution  # the model
+    odds: Mapping[str, float]  # logarithm of the number of shapes of each effect
+    fail: Callable[[str, str], None]  # called with names and the reason why they were not tried
+    rows: list[Row] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.free = self.problem.free_of(self.now)
+        self.noises = raised(self.problem, self.now)
+        self._levels = dict[float, float]()
+
+    def fit(self, proposals: Sequence[Proposal]) -> None:
+        """Fit some proposals, and add their rows."""
+        top = self._top()
+        joined = [p for p in proposals if len(p.names) > 1]
+        waiting = self._looked([p for p in proposals if len(p.names) == 1], proposals)
+        while True:
+            # The most promising goes on; what can neither pay nor outdo the best is left, and
+            # joined causes of which one alone fits better: the next round begins there.
+            reached = [(r.names, r.fit.cost) for r in self.rows]
+            reached += [(one.proposal.names, one.fit.cost) for one in waiting]
+            waiting = [
+                one for one in waiting
+                if self._hopeful(one, top) and not any(
+                    {*names} < {*one.proposal.names} and cost <= one.fit.cost
+                    for names, cost in reached
+                )
+            ]  # fmt: skip
+            if not waiting and joined:
+                # Joined causes are looked at if they promise more than single ones reached.
+                some = [p for p in joined if p.predicted > top[0] - SLACK]
+                waiting, joined = self._looked(some, proposals), []
+                continue
+            if not waiting:
+                return
+            last = min(waiting, key=lambda one: one.fit.cost - AHEAD * one.hope)
+            waiting.remove(last)
+            fit = self._further(last)
+            if fit is None:
+                continue
+            turns = last.turns + FEW
+            if fit.promised < ENOUGH or fit.iterations < FEW - 1 or turns >= SOME:
+                self.rows.append(self._restored(self._row(last, fit), last.proposal.held))
+                top = self._top()
+            else:
+                hope = min(fit.promised, last.fit.cost - fit.cost)
+                waiting.append(Look(last.proposal, fit, hope, last.first, turns))
+
+    def _level(self, part: float) -> float:
+        """Cost of the model at a factor of the raised random force.
+
+        A proposal must gain at the noises at which it was proposed, where the cost is smooth.
+        """
+        if part not in self._levels:
+            model = self.problem.likelihood(self.now.axis, self.free, each=each_of(self.now))
+            start = model.start(noises=scaled(self.noises, part))
+            self._levels[part] = held(model, start, until=self.problem.until).cost
+        return self._levels[part]
+
+    def _looked(self, some: Sequence[Proposal], proposals: Sequence[Proposal]) -> list[Look]:
+        """First looks of some of the proposals that may gain.
+
+        What no machine can have must not outdo what it may; the others of a joined proposal go
+        on without it.
+        """
+        found, rest = list[Look](), list[Proposal]()
+        for one in filter(None, self.problem.parallel(self._first, some)):
+            names, own = one.proposal.names, one.proposal.free
+            lost = [n for n in names if impossible(self.problem, one.fit, n, _own(own, n))]
+            if not lost:
+                found.append(one)
+            elif len(lost) < len(names):
+                rest.append(self._rest(one, lost))
+        tried = {*(p.names for p in proposals), *(r.names for r in self.rows)}
+        rest = [one for one in rest if one.names not in tried]
+        return [*found, *self._looked(rest, proposals)] if rest else found
+
+    def _first(self, one: Proposal) -> Look | None:
+        problem, now, until = self.problem, self.now, self.problem.until
+        try:
+            likelihood = problem.likelihood(one.axis, (*self.free, *one.free), each=each_of(now))
+            # A random force that accelerates as much.
+            alike = scaled(self.noises, one.quieter * one.axis.mass / now.axis.mass)
+            starts = [likelihood.start(noises=alike)]
+            if one.remembers:
+                starts = [walked(likelihood, starts[0], one.remembers, alike)]
+                # There the base takes up what the shape should, which may lead astray.
+                starts.append(continued(likelihood, starts[0], until=until))
+            fits = (held(likelihood, with_noises(z, alike), until=until) for z in starts)
+            fit = min(fits, key=cost_of)
+            if one.remembers and math.isfinite(fit.cost):
+                there = along(likelihood, fit.z, one.remembers, SCANNED)
+                fit = held(likelihood, there, until=until)
+            if not math.isfinite(fit.cost):
+                likelihood.at(fit.z)  # says why there is no such axis
+                return None
+            smooth = self._level(one.quieter) - fit.cost
+            if smooth + AHEAD * fit.promised < 0.5 * self._needed(one):
+                return None
+            fit = maximise(likelihood, fit.z, FEW, until, True)
+            return Look(one, fit, fit.promised, (smooth, now.cost - fit.cost))
+        except (ValueError, ArithmeticError) as wrong:
+            self.fail("+".join(one.names), str(wrong))
+            return None
+
+    def _rest(self, look: Look, lost: Sequence[str]) -> Proposal:
+        """A proposal without some of its effects, from where its look ended."""
+        problem, one = self.problem, look.proposal
+
+        def spared(names: Sequence[str]) -> tuple[str, ...]:
+            return functools.reduce(problem.free_without, reversed(lost), tuple(names))
+
+        def bare(axis: FrictionAxis) -> FrictionAxis:
+            return functools.reduce(problem.less, reversed(lost), axis)
+
+        return Proposal(
+            spared(one.names), bare(look.fit.axis), spared(one.free), look.fit.cost, 0.0,
+            one.held and bare(one.held), spared(one.remembers), one.quieter,
+        )  # fmt: skip
+
+    def _further(self, look: Look) -> Solution | None:
+        one, fit, until = look.proposal, look.fit, self.problem.until
+        try:
+            if look.turns:
+                return maximise(fit.problem, fit.z, FEW, until, again=True)
+            names = (*self.free, *one.free)
+            return self.problem.fit(fit.axis, names, noises_of(fit), FEW, each=each_of(fit))
+        except (ValueError, ArithmeticError) as wrong:
+            self.fail("+".join(one.names), str(wrong))
+            return None
+
+    def _row(self, look: Look, fit: Solution) -> Row:
+        one = look.proposal
+        reasons = [unsound(self.problem, fit, n, _own(one.free, n)) for n in one.names]
+        reason = next(filter(None, reasons), "")
+        return Row(one.names, one.free, fit, self._worth(fit, one.names), look.first, reason)
+
+    def _worth(self, fit: Solution, names: Sequence[str]) -> float:
+        return evidence(self.now, fit, [self.odds[n] for n in names])
+
+    @property
+    def good(self) -> list[Row]:
+        """Rows of which held-out data know, and that may be causes."""
+        return [r for r in self.rows if r.evidence > 0.0 and not r.reason]
+
+    def _top(self) -> _Top:
+        """The largest gain of a row."""
+        gains = [(self.now.cost - r.fit.cost, r.first) for r in self.good]
+        return max(gains, default=(-math.inf, (-math.inf, -math.inf)))
+
+    def _restored(self, row: Row, start: FrictionAxis | None) -> Row:
+        """The row with the base back at nominal where that may decide which one is best."""
+        most = max((r.evidence for r in self.rows if not r.reason), default=0.0)
+        if row.reason or row.evidence + prior_of(row.fit) < max(most, 0.0):
+            return row
+        fit = restored(self.problem, row.fit, start)
+        if fit is row.fit:
+            return row
+        return replace(row, fit=fit, evidence=self._worth(fit, row.names))
+
+    def translate(self, view: Linearised) -> None:
+        """Fit rows that act as the best one does again from where that one ended.
+
+        A rough cost would choose between equals by chance.
+        """
+        good = [r for r in self.rows if len(r.names) == 1 and not r.reason]
+        if len(good) < 2:
+            return
+        top, problem = max(good, key=lambda r: r.evidence), self.problem
+        effect, base = named(top.fit.axis)[top.names[0]], problem.base
+
+        def one(row: Row) -> Row:
+            name = row.names[0]
+            if row is top or len(row.names) > 1 or row.fit.cost <= top.fit.cost:
+                return row
+            same = view.same_force(effect, name, base)
+            if same is None:
+                return row
+            axis = problem.less(top.fit.axis, top.names[0])
+            moved = values_of(axis, base) * (1.0 - same[1])
+            free = (*self.free, *row.free)
+            try:
+                axis = with_effect(with_values(axis, base, moved), name, same[0]).axis
+                fit = problem.fit(axis, free, noises_of(top.fit), SOME, each=each_of(top.fit))
+            except ValueError:
+                return row  # no axis can have these values
+            if fit.cost >= row.fit.cost:
+                return row
+            reason = unsound(problem, fit, name, _own(row.free, name))
+            return replace(row, fit=fit, evidence=self._worth(fit, row.names), reason=reason)
+
+        self.rows = problem.parallel(one, self.rows)
+
+    def _needed(self, one: Proposal) -> float:
+        """What the causes of a proposal cost."""
+        return sum(LEAST + self.odds[n] for n in one.names)
+
+    def _hopeful(self, look: Look, top: _Top) -> bool:
+        """Whether a fit may still gain what its causes cost, and as much as the best one.
+
+        `top`: what that gained in the end, and at its first look: looks are compared with looks.
+        """
+        one, fit = look.proposal, look.fit
+        prior = prior_of(fit) - prior_of(self.now)
+        gain = self.now.cost - fit.cost + AHEAD * look.hope
+        equal = not look.turns and any(
+            one > other - SLACK for one, other in zip(look.first, top[1], strict=True)
+        )
+        if not look.turns:
+            gain = max(gain, one.predicted)  # a quick look may end where a cost is rough
+        pays = gain + max(prior, 0.0) > 0.5 * self._needed(one)
+        return pays and (equal or gain > top[0] - SLACK)
+
+
+def _own(free: Sequence[str], name: str) -> tuple[str, ...]:
+    return tuple(n for n in free if n.startswith(f"{name}."))

@@ -78,6 +78,7 @@ TARGETS = {
     ),
     "columns": Target("dryfric_control/diagnosis/gram.py", _DIAGNOSIS),
     "search": Target("dryfric_control/diagnosis/search.py", _DIAGNOSIS),
+    "criterion": Target("dryfric_control/diagnosis/criterion.py", _DIAGNOSIS),
     "looks": Target("dryfric_control/diagnosis/looks.py", _DIAGNOSIS),
     "floor": Target("dryfric_control/diagnosis/verdict.py", _DIAGNOSIS),
 }  # fmt: skip

@@ -181,7 +181,7 @@ def _load_does_the_same(problem: Problem, model: Model, final: Solution, held: s
     base = [n for n in problem.base if n != held]
     free = (*problem.free_of(final), f"{_LOAD}.coefficient")
     fit = problem.fit(axis, free, noises_of(final), SOME, base=base, each=each_of(final))
-    costs = [one.cost - one.problem.prior(one.z) for one in (fit, final)]
+    costs = [one.cost - prior_of(one) for one in (fit, final)]
     return costs[0] < costs[1] + EQUAL
 
 

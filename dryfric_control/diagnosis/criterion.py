@@ -26,7 +26,7 @@ def evidence(less: Solution, more: Solution, odds: Sequence[float] = (0.0,)) -> 
     """
     if not less.point.out:
         return math.inf
-    prior = less.problem.prior(less.z) - more.problem.prior(more.z)
+    prior = prior_of(less) - prior_of(more)
     seen = less.cost - more.cost - prior
     costs = sum(LEAST + one for one in odds)
     if seen + prior <= costs:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -401,7 +400,7 @@ class Gram:
         here, problem, slides = self.here, self.problem, self.here.direction != 0.0
 
         def acting(*names: str) -> FloatArray:
-            axis = functools.reduce(problem.less, reversed(names), here.axis)
+            axis = problem.less(here.axis, *names)
             return -difference(axis, cast(View, here))[slides]
 
         alone = {n: acting(n) for n in causes}
@@ -431,8 +430,8 @@ class Gram:
         free = problem.free_of(self.fit)
         for some, (*_, name, values) in zip(sets, best, strict=True):
             if name:
-                bare = functools.reduce(problem.less, reversed(some), self.fit.axis)
-                others = functools.reduce(problem.free_without, reversed(some), free)
+                bare = problem.less(self.fit.axis, *some)
+                others = problem.free_without(free, *some)
                 start = with_effect(bare, name, values)
                 yield some, name, start.axis, (*others, *start.free)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -100,7 +99,7 @@ def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Sol
     its valley at the nominal values is narrow.  `start`: where to begin.
     """
     names = [n for n in problem.base if n in fit.problem.names and n not in problem.own]
-    if start is None or not names or fit.problem.prior(fit.z) < LEAST:
+    if start is None or not names or prior_of(fit) < LEAST:
         return fit
     free = problem.free_of(fit)
     axis = with_values(start, names, [problem.nominal[n] for n in names])
@@ -136,6 +135,11 @@ class Row:
     evidence: float
     first: tuple[float, float]  # falls of the cost at its first look
     reason: str = ""
+
+    @property
+    def good(self) -> bool:
+        """Whether held-out data know of it and it may be a cause."""
+        return self.evidence > 0.0 and not self.reason
 
 
 @dataclass(eq=False)
@@ -215,8 +219,8 @@ class Looks:
                 found.append(one)
             elif len(lost) < len(names):
                 rest.append(self._rest(one, lost))
-        tried = {*(p.names for p in proposals), *(r.names for r in self.rows)}
-        rest = [one for one in rest if one.names not in tried]
+        tried = {frozenset(one.names) for some in (proposals, self.rows) for one in some}
+        rest = [one for one in rest if frozenset(one.names) not in tried]
         return [*found, *self._looked(rest, proposals)] if rest else found
 
     def _first(self, one: Proposal) -> Look | None:
@@ -251,15 +255,13 @@ class Looks:
         """A proposal without some of its effects, from where its look ended."""
         problem, one = self.problem, look.proposal
 
-        def spared(names: Sequence[str]) -> tuple[str, ...]:
-            return functools.reduce(problem.free_without, reversed(lost), tuple(names))
-
-        def bare(axis: FrictionAxis) -> FrictionAxis:
-            return functools.reduce(problem.less, reversed(lost), axis)
-
-        return Proposal(
-            spared(one.names), bare(look.fit.axis), spared(one.free), look.fit.cost, 0.0,
-            one.held and bare(one.held), spared(one.remembers), one.quieter,
+        names, free, remembers = (
+            problem.free_without(some, *lost) for some in (one.names, one.free, one.remembers)
+        )
+        return replace(
+            one, names=names, free=free, remembers=remembers, cost=look.fit.cost, predicted=0.0,
+            axis=problem.less(look.fit.axis, *lost),
+            held=one.held and problem.less(one.held, *lost),
         )  # fmt: skip
 
     def _further(self, look: Look) -> Solution | None:
@@ -284,8 +286,8 @@ class Looks:
 
     @property
     def good(self) -> list[Row]:
-        """Rows of which held-out data know, and that may be causes."""
-        return [r for r in self.rows if r.evidence > 0.0 and not r.reason]
+        """Rows that are good."""
+        return [r for r in self.rows if r.good]
 
     def _top(self) -> _Top:
         """The largest gain of a row."""

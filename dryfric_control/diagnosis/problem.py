@@ -209,19 +209,23 @@ class Problem:
         owner, _, part = name.partition(".")
         return f"{BIAS}.force" in self.own and part == effect_class(owner).adds_constant
 
-    def less(self, axis: FrictionAxis, name: str) -> FrictionAxis:
-        """The axis with an effect as in the nominal axis, or without it if that has none."""
-        return put(axis, name, named(self.believed).get(name))
+    def less(self, axis: FrictionAxis, *names: str) -> FrictionAxis:
+        """The axis with effects as in the nominal axis, or without them if that has none."""
+        for name in reversed(names):
+            axis = put(axis, name, named(self.believed).get(name))
+        return axis
 
     def free_of(self, now: Solution) -> tuple[str, ...]:
         """Free parameters of the effects of a model."""
         others = (*self.base, SHIFT, *self.also)
         return tuple(dict.fromkeys(n for n in now.problem.names if n not in others))
 
-    def free_without(self, free: Sequence[str], name: str) -> tuple[str, ...]:
-        """Free parameters, or causes, of a model without one of its effects."""
-        rest = [n for n in free if n.partition(".")[0] != name]
-        return tuple(rest if name in named(self.believed) else renumbered(rest, name))
+    def free_without(self, free: Sequence[str], *names: str) -> tuple[str, ...]:
+        """Free parameters, or causes, of a model without some of its effects."""
+        for name in reversed(names):
+            rest = [n for n in free if n.partition(".")[0] != name]
+            free = rest if name in named(self.believed) else renumbered(rest, name)
+        return tuple(free)
 
     def parallel(self, function: Callable[..., Any], *arguments: Iterable[Any]) -> list[Any]:
         """Results of a function for each of some arguments, in threads."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,12 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.diagnosis.candidates import (
-    catalogue,
-    effect_class,
-    forms,
-    held_by,
-)
+from dryfric_control.diagnosis.candidates import catalogue, effect_class, forms, held_by
 from dryfric_control.diagnosis.criterion import cost_of, evidence, surprises
 from dryfric_control.diagnosis.gram import Gram, Proposal
 from dryfric_control.diagnosis.invariants import in_free_runs, unsound
@@ -208,10 +202,7 @@ class Search:
 
     def _chosen(self, now: Model, rows: Sequence[Row]) -> Row | None:
         room = MOST - len(now.causes)
-        good = [
-            r for r in rows
-            if not r.reason and r.evidence > 0.0 and len(r.names) <= room
-        ]  # fmt: skip
+        good = [r for r in rows if r.good and len(r.names) <= room]
         # What fits no better than one with fewer parameters gains nothing over it on unseen data.
         good = [r for r in good if not any(_simpler(o, r) for o in good)]
         if not good:
@@ -417,7 +408,7 @@ class Search:
         """
         least = -LEAST - max(map(self._odds, now.causes)) - EQUAL
         for some, name, axis, free in self._merges.get(frozenset(now.causes), ()):
-            causes = functools.reduce(self.problem.free_without, reversed(some), now.causes)
+            causes = self.problem.free_without(now.causes, *some)
             other = Model(begun(self.problem, axis, free, now.fit), (*causes, name))
             if self.over(other, now) > 0.5 * EQUAL:
                 return self.pruned(other)

@@ -159,7 +159,8 @@ def _instead(search: Search, final: Solution, cause: Cause) -> tuple[str, ...]:
     """Effects that explain the records as well as one wrong base parameter, held at nominal."""
     problem = replace(search.problem, known=(*search.problem.known, *cause.parameters))
     other = Search(problem, odds=dict(search.odds))
-    rows = other.round(Model(other.alone()), final)
+    among = other.rivals_of_base(final)
+    rows = other.round(Model(other.alone()), final, among) if among else []
     alone = (row for row in rows if len(row.names) == 1 and not row.reason)
     return tuple(row.names[0] for row in alone if row.fit.cost < final.cost + EQUAL)
 

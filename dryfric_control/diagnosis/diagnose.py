@@ -33,6 +33,7 @@ from dryfric_control.diagnosis.thresholds import (
     AHEAD,
     ANSWER,
     ENOUGH,
+    LEAST,
     LEAST_WINDOWS,
     RIVALS,
     SOONEST,
@@ -382,7 +383,9 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         again = _reconsidered(search, model, recorded)
         if again is not None:
             search, model = again
-        explained = problem.clear_of_line(model.fit) and not problem.muted(model.fit)
+        explained = problem.left(model.fit) < LEAST or (
+            problem.clear_of_line(model.fit) and not problem.muted(model.fit)
+        )
         if not (behind or explained or problem.late):
             found = _by_force(search, begun)
             if found is not None and found[1].fit.cost < model.fit.cost:

@@ -61,11 +61,9 @@ class ForceView(ModelView):
         self._set_scale()
 
     def _drive_at_the_mass(self, axis: FrictionAxis) -> Floats:
-        found = []
-        for run in self.problem.runs:
-            record = run.record.replace(u=run.u) if run.u is not run.record.u else run.record
-            found.append(drive_at_the_mass(axis, record, self.problem.hold))
-        return np.concatenate(found)
+        # As recorded: the kernel takes off what noise it can on both sides.
+        hold = self.problem.hold
+        return np.concatenate([drive_at_the_mass(axis, m.record, hold) for m in self.motions])
 
     def _missing(self, axis: FrictionAxis, u: Floats | None = None) -> Floats:
         """Force that the motion needs beyond what the axis has, shape (n,)."""
@@ -105,6 +103,11 @@ class ForceView(ModelView):
         c = np.fft.irfft(power)[: left.size]
         stop = int(np.argmax(c < _UNCORRELATED * c[0])) or left.size - 1
         return float(1.0 + 2.0 * c[1:stop].sum() / max(c[0], 1e-300))
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squares of the force that is missing [N^2]."""
+        return float(self.y @ self.y) / self.scale**2
 
     @cached_property
     def ok(self) -> Floats:

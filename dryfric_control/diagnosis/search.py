@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.diagnosis.candidates import catalogue, effect_class, forms, held_by
+from dryfric_control.diagnosis.candidates import (
+    catalogue,
+    effect_class,
+    forms,
+    held_by,
+    with_effect,
+)
 from dryfric_control.diagnosis.criterion import cost_of, evidence, surprises
 from dryfric_control.diagnosis.force_view import ForceView
 from dryfric_control.diagnosis.gram import REVERSAL, Gram, Proposal
@@ -39,6 +45,9 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
 
 FloatArray = NDArray[np.float64]
+#: The effects that are a delay and a limit of the drive.
+DELAY = "input_delay"
+LIMIT = "saturation"
 # Largest ratio of the squared force that an effect leaves to that which a cause leaves in its place
 # with which it may do the same.
 _AS_LITTLE = 1.5
@@ -122,16 +131,25 @@ class Search:
         And whether the force shows that friction builds up after reversals.
         """
         problem, nominal = self.problem, self.problem.nominal_fit
-        start = problem.fit(problem.believed, noises=noises_of(nominal), turns=0)
-        gram = self._by_force(start)
+        addable = self._addable(Model(nominal))
+        axis, names, free = problem.believed, tuple[str, ...](), tuple[str, ...]()
+        late, limit = ForceView(problem, axis).late_drive()
+        for name, values in ((DELAY, {"delay": late}), (LIMIT, {"limit": limit})):
+            if all(0.0 < v < math.inf for v in values.values()) and name in addable:
+                start = with_effect(axis, name, values)
+                axis, names, free = start.axis, (*names, name), (*free, *start.free)
+        here = problem.fit(axis, free, noises_of(nominal), 0)
+        gram = self._by_force(here, names)
         self.first = gram.singles | self.first
         for name, odds in gram.odds.items():
             self.odds[name] = max(odds, self.odds.get(name, 0.0))
-        starts, builds_up = gram.whole(MOST)
-        if not starts:
+        starts, builds_up = gram.whole(MOST - len(names))
+        if not starts and not names:
             return Model(nominal), builds_up
-        fits = problem.parallel(lambda one: begun(problem, one.axis, one.free, nominal), starts)
-        return Model(min(fits, key=cost_of), starts[0].names), builds_up
+        begins = [(one.axis, (*free, *one.free)) for one in starts] or [(axis, free)]
+        fits = problem.parallel(lambda one: begun(problem, one[0], one[1], nominal), begins)
+        names = (*names, *(starts[0].names if starts else ()))
+        return Model(min(fits, key=cost_of), names), builds_up
 
     def _by_force(self, fit: Solution, causes: Sequence[str] = ()) -> Gram:
         """Normal equations of the force that a model lacks."""

@@ -76,6 +76,11 @@ _MUTED = (
     "the random force that is left is more than a fifth of the Coulomb level: what acts on the "
     "axis is mostly unknown"
 )
+_RATIOS = (
+    "the record fixes mass, friction and all forces only as ratios to the gain of the drive, "
+    "which keeps its nominal value: the errors include a factor of 1.4 for it; if the gain or "
+    'the mass is known, say so: known=("mass",)'
+)
 _CHANGES = (
     "what fits the first half of the record does not fit the second half, and the difference is "
     "largest in: {}. Something that changes in the record is missing from the model"
@@ -312,6 +317,8 @@ def _answered(
     messages += hardly_determined(problem.believed, causes)
     if found.muted:
         messages.append(_MUTED)
+    if problem.scale_open:
+        messages.append(_RATIOS)
     if problem.imposed:
         messages += [_IMPOSED] + [_ONE_VELOCITY] * problem.steady
     taken = math.sqrt(

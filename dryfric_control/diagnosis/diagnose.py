@@ -365,10 +365,9 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
     search.now = Model(problem.nominal_fit)
     recorded = problem.runs
     try:
-        model = _force_first(search, recorded)
-        if model is not None:
-            return search, model, False
-        problem = search.problem
+        found = _force_first(search, recorded)
+        if found is not None:
+            return *found, False
         begun = search.alone()
         # The least smoothing: a smoother input may hide that it does not cause the motion.
         problem = search.problem = quieter(problem, recorded, begun, most=False)
@@ -402,12 +401,13 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
     return search, model, False
 
 
-def _force_first(search: Search, recorded: Sequence[Any]) -> Model | None:
+def _force_first(search: Search, recorded: Sequence[Any]) -> tuple[Search, Model] | None:
     """The search from the causes that the force shows; None where these do not explain the motion.
 
     What builds up after reversals, and beside which a straight line predicts better, is a contact.
     """
     problem = search.problem
+    search = Search(problem, search.tell, search.not_tried, now=search.now)
     found, builds_up = search.by_force()
     if builds_up and found.fit.cost > problem.straight_line.cost:
         found = moving(problem, found.fit, found) or found
@@ -419,9 +419,11 @@ def _force_first(search: Search, recorded: Sequence[Any]) -> Model | None:
         fit = problem.fit(fit.axis, problem.free_of(fit), noises_of(fit), SOME, each=each_of(fit))
     search.now = Model(fit, found.causes)
     model = search.run(search.pruned(search.now))
+    again = _reconsidered(search, model, recorded)
+    if again is not None:
+        search, model = again
     if problem.clear_of_line(model.fit) and not problem.muted(model.fit):
-        return model
-    search.problem = replace(problem, runs=tuple(recorded))
+        return search, model
     return None
 
 

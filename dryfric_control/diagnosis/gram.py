@@ -154,8 +154,6 @@ class Gram:
         self._add(itertools.chain(self._columns(), self._after_reversal()))
 
     def _after_reversal(self) -> Iterator[tuple[str, Column, FloatArray, float]]:
-        if self.problem.imposed:
-            return
         forces = [*self.here.after_reversal()]
         values = self.here.of_forces(forces)
         for j, force in enumerate(forces):
@@ -361,10 +359,29 @@ class Gram:
         at = [*range(self.fixed), *(j for g in chosen for j in self.items[g].at)]
         return np.asarray(self.here.y + self._matrix[:, at] @ c)
 
+    def _beyond_record(self, chosen: Sequence[int]) -> bool:
+        """Whether an item of a set is a larger force than any in the records.
+
+        Another one then takes it back: the two are one undetermined direction.
+        """
+        c, at = self._solved([chosen], True, signed=False)[1][0], self.fixed
+        for g in chosen:
+            columns = self.items[g].column.force
+            force = sum(v * f for v, f in zip(c[at:], columns, strict=False))
+            at += len(self.items[g].at)
+            if columns and float(np.linalg.norm(force)) > self.here.largest_force:
+                return True
+        return False
+
     @cached_property
     def _matrix(self) -> FloatArray:
         """All columns."""
         return np.concatenate(self._blocks, axis=1)
+
+    def least_squares(self, most: int) -> float:
+        """Squared residual that forward selection leaves, in the units of the view."""
+        left = self._remainder(self.forward_selection(most))
+        return float(left @ left) * float(np.mean(self.here.scale)) ** -2
 
     def _least_left(self, sets: Sequence[list[int]]) -> list[int]:
         """The set of items that leaves least."""
@@ -400,6 +417,9 @@ class Gram:
             if g < 0:
                 break
             new = one._remainder([*chosen, g])
+            if one._beyond_record([*chosen, g]):
+                barred.add(one.items[g].name)
+                continue
             count = self.here.independent(new)
             if one.most[one.items[g].at[0]] < math.inf and count < _WHITER * one.count:
                 # It mutes the drive and its noise: what is left has more structure than before.

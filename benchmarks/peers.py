@@ -254,14 +254,14 @@ def euler_loop(problem: StickSlip, step: float) -> Breaks:
 
 def lugre_rates(problem: StickSlip, stiffness: float = 1e5, damping: float = 300.0):
     """Right-hand side of (x, v, z), Canudas de Wit et al. 1995."""
-    m, k, belt, sigma = problem.mass, problem.stiffness, problem.belt, problem.stick_speed
+    m, k, belt = problem.mass, problem.stiffness, problem.belt
     fc, excess, vs = problem.coulomb, problem.excess, problem.stribeck_speed
     exp = math.exp
 
     def rates(t, y):
         x, v, z = y
         speed = abs(v)
-        q = (speed - sigma) / vs
+        q = speed / vs
         dz = v - stiffness * speed * z / (fc * (1 + excess * exp(-q * q)))
         return [v, (k * (belt * t - x) - stiffness * z - damping * dz) / m, dz]
 
@@ -270,13 +270,13 @@ def lugre_rates(problem: StickSlip, stiffness: float = 1e5, damping: float = 300
 
 def tanh_rates(problem: StickSlip, speed: float = 1e-5):
     """Right-hand side of (x, v) with F = level tanh(v / speed)."""
-    m, k, belt, sigma = problem.mass, problem.stiffness, problem.belt, problem.stick_speed
+    m, k, belt = problem.mass, problem.stiffness, problem.belt
     fc, excess, vs = problem.coulomb, problem.excess, problem.stribeck_speed
     exp, tanh = math.exp, math.tanh
 
     def rates(t, y):
         x, v = y
-        q = (abs(v) - sigma) / vs
+        q = v / vs
         return [v, (k * (belt * t - x) - fc * (1 + excess * exp(-q * q)) * tanh(v / speed)) / m]
 
     return rates

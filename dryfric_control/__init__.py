@@ -40,6 +40,7 @@ from dryfric_control.model.loops import PositionController as PositionController
 from dryfric_control.model.loops import simulate_loop as simulate_loop
 from dryfric_control.model.profiles import MotionProfile as MotionProfile
 from dryfric_control.model.profiles import motion_profile as motion_profile
+from dryfric_control.model.sampled import sampled as sampled
 from dryfric_control.model.state_machine import plot_state_machine as plot_state_machine
 from dryfric_control.observer import CertificateError as CertificateError
 from dryfric_control.observer import ObserverDesign as ObserverDesign

@@ -60,8 +60,8 @@ def with_mass(given: dict[str, Any], units: object = _ROTARY) -> dict[str, Any]:
     length, force = axis_units(found["units"])
     if length == "m" or force == "N":
         raise ValueError(
-            f"inertia = {inertia!r} is that of a rotary axis, and units = {found['units']!r} are of "
-            'a linear one: give units=("rad", "N m"), or mass='
+            f"inertia = {inertia!r} is that of a rotary axis, and units = {found['units']!r} are "
+            'of a linear one: give units=("rad", "N m"), or mass='
         )
     return found | {"mass": inertia}
 
@@ -79,5 +79,5 @@ def with_inertia(cls: type[Any]) -> type[Any]:
                 raise TypeError(unknown_argument(name, known))
         make(self, *args, **given)
 
-    cls.__init__ = init  # type: ignore[method-assign]
+    cls.__init__ = init
     return cls

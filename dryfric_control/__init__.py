@@ -3,6 +3,7 @@
 import sys
 
 from dryfric_control import datasets as datasets
+from dryfric_control import drawing as drawing
 from dryfric_control import observer as observer
 from dryfric_control import presets as presets
 from dryfric_control import simulators as simulators
@@ -68,7 +69,16 @@ load_design = ObserverDesign.load
 # Every name above is public: `X as X` says so to type checkers, and here it is said to `dir`, but
 # for those that are listed where they are at home: in `simulators`, or as a method of their class.
 _AT_HOME = ("load_design", "to_modelica", "to_simscape", "to_urdf")
-__all__ = ["__version__", "datasets", "effects", "laws", "observer", "presets", "simulators"]
+__all__ = [
+    "__version__",
+    "datasets",
+    "drawing",
+    "effects",
+    "laws",
+    "observer",
+    "presets",
+    "simulators",
+]
 __all__ += [
     name for name, one in globals().items() if hasattr(one, "__qualname__") and name not in _AT_HOME
 ]

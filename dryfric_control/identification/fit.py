@@ -34,6 +34,7 @@ from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction_curve import draw_curve
 from dryfric_control.records.record import Record
+from dryfric_control.result_table import Quantity, formatted
 from dryfric_control.store.saved import Saved
 from dryfric_control.text import (
     Result,
@@ -216,6 +217,21 @@ class Fit(Saved, Result):
             unit = f"{length}/s" if run.windows.record.integrated else length
             yield f"noise of the readings: {length_text(noise, unit)} RMS; random force: {random}"
         yield from (f"warning: {message}" for message in self.messages)
+
+    def table(self, form: str = "markdown") -> str:
+        """Parameters with standard errors and 90 % intervals as a table.
+
+        Parameters
+        ----------
+        form : {"markdown", "latex", "csv"}, optional
+            "latex" needs the packages booktabs and siunitx, "csv" has all digits.
+        """
+        ends, rows = self.interval(0.9), []
+        for name, value in self.parameters.items():
+            unit = self.units[name]
+            low, high = (Quantity(end, None, unit) for end in ends[name])
+            rows.append((name, Quantity(value, self.standard_errors[name], unit), low, high))
+        return formatted(("parameter", "value", "90 % from", "to"), rows, form)
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers of the fit, ready for JSON."""

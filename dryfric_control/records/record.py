@@ -35,6 +35,7 @@ from dryfric_control.ties import samples
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
 
 __all__ = ["Derivatives", "Record", "RecordWarning"]
 
@@ -714,6 +715,30 @@ class Record(Saved):
         frame = pandas.DataFrame({h: a.copy() for h, a in self._columns().items()})
         frame.attrs["dryfric_control"] = self._meta()
         return frame
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Dataset over time, with units as attributes.
+
+        Each channel is a variable along ``time`` with its unit in ``attrs["units"]``; readings
+        that are masked are not a number in ``x``; name, quantum and notes are attributes.
+        """
+        try:
+            import xarray
+        except ImportError as err:
+            raise ImportError("to_xarray needs xarray: pip install xarray") from err
+        arrays = {name: array.copy() for name, array in self._arrays().items()}
+        arrays["x"] = np.where(self.good, self.measured, np.nan)
+        of = {role: self.units.get("x" if role == "reference" else role, "") for role in arrays}
+        of["t"] = "s"
+        variables = {
+            role: ("time", array, {"units": of[role]} if of[role] else {})
+            for role, array in arrays.items()
+        }
+        found = xarray.Dataset({k: v for k, v in variables.items() if k != "t"})
+        found = found.assign_coords(time=variables["t"])
+        found.attrs = {"name": self.name, "quantum": self.quantum or 0.0, "dt": self.dt}
+        found.attrs["notes"] = "\n".join(self.notes)
+        return found
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV file that `read_record` reads back bit for bit.

@@ -103,7 +103,9 @@ def test_response_is_a_time_response_of_python_control():
     assert resp.t[-1] == pytest.approx(49 * DT)
     assert np.array_equal(u, np.linspace(0.0, 20.0, 50))
     assert resp(squeeze=True).events is resp.events
-    assert list(resp.to_pandas().columns) == ["time", "u", "x", "v", "F", "mode"]
+    frame = resp.to_pandas()
+    assert list(frame.columns) == ["time", "u", "x", "v", "F", "mode"]
+    assert frame.attrs["units"] == {"time": "s", "u": "N", "x": "m", "v": "m/s", "F": "N"}
     assert repr(resp) == (
         "SimulationResponse of 50 samples from 0 to 0.049 s; outputs x, v, F, mode; inputs u"
     )

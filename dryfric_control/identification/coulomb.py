@@ -19,6 +19,7 @@ from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.friction_curve import net_force
+from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, percent, plain_data
 from dryfric_control.ties import NEAR
@@ -136,13 +137,13 @@ class CoulombIdentification(Result, CoulombMap):
 
 
 def identify_coulomb(
-    record: Record, degree: int | None = None, axis: FrictionAxis | None = None
+    record: RecordLike, degree: int | None = None, axis: FrictionAxis | None = None
 ) -> CoulombIdentification:
     """Coulomb level over position, per direction, from a crawl.
 
     Parameters
     ----------
-    record : Record
+    record : Record or path-like
         A slow ramp over the travel and back, see `slow_ramp_experiment`.
     degree : int, optional
         Degree of the polynomials.  Default: per direction the smallest whose error on held-out
@@ -192,7 +193,7 @@ def identify_coulomb(
         raise ValueError(
             f"degree must be a whole number from 0 to {crawl.HIGHEST}, or None, got {degree!r}"
         )
-    instance("record", record, Record)
+    record = as_record(record)
     if axis is not None:
         instance("axis", axis, FrictionAxis)
         check_units(axis, record)

@@ -33,6 +33,7 @@ from dryfric_control.identification.identifiability import cannot_tell
 from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction_curve import draw_curve
+from dryfric_control.records.read import RecordLike
 from dryfric_control.records.record import Record
 from dryfric_control.result_table import Quantity, formatted
 from dryfric_control.store.saved import Saved
@@ -271,7 +272,7 @@ class Fit(Saved, Result):
 
 def fit(
     axis: FrictionAxis,
-    record: Record | Sequence[Record],
+    record: RecordLike | Sequence[RecordLike],
     free: Sequence[str] = ("mass", "viscous", "coulomb"),
     *,
     known: Sequence[str] = (),
@@ -290,8 +291,8 @@ def fit(
     ----------
     axis : FrictionAxis
         The nominal axis: start of the search, and values of what is not free.
-    record : Record or sequence of Record
-        Measured runs, all of the same axis.
+    record : Record or path-like, or a sequence of them
+        Measured runs, all of the same axis; a path is read by `read_record`.
     free : sequence of str, optional
         What to fit: mass, viscous, coulomb (both directions alike), coulomb_plus, coulomb_minus,
         coulomb_map (all coefficients of both polynomials), stribeck (excess and speed),

@@ -357,6 +357,10 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
     search.now = Model(problem.nominal_fit)
     recorded = problem.runs
     try:
+        model = _force_first(search, recorded)
+        if model is not None:
+            return search, model, False
+        problem = search.problem
         begun = search.alone()
         # The least smoothing: a smoother input may hide that it does not cause the motion.
         problem = search.problem = quieter(problem, recorded, begun, most=False)
@@ -386,6 +390,29 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
     except KeyboardInterrupt:
         return search, search.now, True
     return search, model, False
+
+
+def _force_first(search: Search, recorded: Sequence[Any]) -> Model | None:
+    """The search from the causes that the force shows; None where these do not explain the motion.
+
+    What builds up after reversals, and beside which a straight line predicts better, is a contact.
+    """
+    problem = search.problem
+    found, builds_up = search.by_force()
+    if builds_up and found.fit.cost > problem.straight_line.cost:
+        found = moving(problem, found.fit, found) or found
+    if not found.causes or found.fit.cost > problem.straight_line.cost:
+        return None
+    problem = search.problem = quieter(problem, recorded, found.fit, most=True)
+    fit = found.fit
+    if any(a.u is not b.u for a, b in zip(recorded, problem.runs, strict=True)):
+        fit = problem.fit(fit.axis, problem.free_of(fit), noises_of(fit), SOME, each=each_of(fit))
+    search.now = Model(fit, found.causes)
+    model = search.run(search.pruned(search.now))
+    if problem.clear_of_line(model.fit) and not problem.muted(model.fit):
+        return model
+    search.problem = replace(problem, runs=tuple(recorded))
+    return None
 
 
 def _by_force(search: Search, begun: Solution) -> tuple[Search, Model] | None:

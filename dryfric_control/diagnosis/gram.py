@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import cast
@@ -14,13 +15,15 @@ from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.diagnosis.candidates import _SINGLE, effect_class, forms, held_by, with_effect
-from dryfric_control.diagnosis.linearised import CHANGED, Linearised
+from dryfric_control.diagnosis.linearised import Linearised
+from dryfric_control.diagnosis.model_view import CHANGED, ModelView
 from dryfric_control.diagnosis.problem import Problem, noises_of
 from dryfric_control.diagnosis.thresholds import (
     CHANCE,
     COINCIDE,
     JOINT,
     LOUDEST,
+    MOST,
     NEIGHBOURS,
     PROPOSALS,
     QUIET,
@@ -38,11 +41,20 @@ from dryfric_control.model.effects.naming import named
 
 FloatArray = NDArray[np.float64]
 
+#: Name of the columns of friction that builds up after reversals, which belong to no one effect.
+REVERSAL = "after reversal"
+
 # Largest change of an innovation by a simulated shape, in standard deviations, and bounds of the
 # change of a base parameter in the start of a fit.
 _FAR, _BASE = 30.0, (0.4, 2.5)
 # Columns whose responses are computed at once, and ridge of the normal equations.
 _AT_ONCE, _RIDGE = 32, 1e-9
+# Least ratio of the number of independent samples after to before for what takes from the drive.
+_WHITER = 0.8
+# Largest part of the drive that a cause in the drive may take.
+_HALF = 0.5
+# Part of a column that others must leave for it to be seen.
+_OPEN = 1e-3
 # Size of a friction that is simulated beside bristles, in parts of the Coulomb level.
 _SECANT = 0.1
 
@@ -116,6 +128,8 @@ class Gram:
     fit: Solution  # the model
     names: Sequence[str]  # effects that may be added, by their names in the axis
     fail: Callable[[str, str], None]  # called with an effect and the reason why it was not tried
+    #: What the model is compared with: its innovations if not given.
+    view: ModelView | None = None
     items: list[Item] = field(default_factory=list)
     #: Logarithm of the number of shapes of each effect that were searched.
     odds: dict[str, float] = field(default_factory=dict)
@@ -124,17 +138,26 @@ class Gram:
         problem, fit = self.problem, self.fit
         self.noises = raised(problem, fit)
         z = np.concatenate((fit.z[: len(fit.problem.names)], self.noises))
-        self.here = self._rigid(fit.problem, z)
-        here = self.here
+        self.likelihood, self.z = self._rigid(fit.problem, z)
+        self.here = here = self.view or Linearised(problem, self.likelihood, self.z)
         self.base = [n for n in problem.base if n in fit.problem.names]
         self._now = values_of(here.axis, self.base)
-        own = here.steps([n for n in here.likelihood.names if n not in self.base])
+        own = here.steps([n for n in self.likelihood.names if n not in self.base])
         fixed = np.concatenate((here.base(self.base), own), axis=1) if self.base else own
-        here.left(fixed)
+        here.project_out(fixed)
         self.fixed, self._blocks = fixed.shape[1], [fixed]
         self._proposed = set[frozenset[str]]()
-        self.total, self.count = float(here.y @ here.y), int(here.ok.sum())
-        self._add(self._columns())
+        self.total, self.count = float(here.y @ here.y), here.count
+        self._add(itertools.chain(self._columns(), self._after_reversal()))
+
+    def _after_reversal(self) -> Iterator[tuple[str, Column, FloatArray, float]]:
+        if self.problem.imposed:
+            return
+        forces = [*self.here.after_reversal()]
+        values = self.here.of_forces(forces)
+        for j, force in enumerate(forces):
+            column = Column(lambda c: {}, (force,), shapes=len(forces))
+            yield REVERSAL, column, np.nan_to_num(values[:, [j]]), -math.inf
 
     def simulate(self) -> None:
         """Add the shapes without force columns."""
@@ -158,22 +181,36 @@ class Gram:
             problem.tolerance.get(n, BOLD) ** -2 if n in BASE and problem.nominal[n] > 0.0 else 1e-6
             for n in self.base
         ]
-        self.g[np.diag_indices(self.fixed)] += ridge / np.maximum(
-            self.scale[: self.fixed] ** 2, 1e-300
-        )
+        self._ridge = ridge / np.maximum(self.scale[: self.fixed] ** 2, 1e-300)
+        self._unit = 1.0
+        self.g[np.diag_indices(self.fixed)] += self._ridge
         # Bounds of the coefficients: the first column of an item is its amount.
         self.least, self.most = np.full(at, -np.inf), np.full(at, np.inf)
         for one in self.items:
             self.least[one.at[0]] = 0.0 if one.column.positive else -np.inf
-            self.most[one.at[0]] = one.column.most
+            self.most[one.at[0]] = min(one.column.most, self._share(one))
         vars(self).pop("_single", None)
-        for name in self.names:
+        for name in (*self.names, REVERSAL):
             some = [i.column for i in self.items if i.name == name]
             shapes = max([len(some), *(one.shapes for one in some)], default=1.0)
             self.odds[name] = math.log(max(min(shapes, 0.1 * self.count), 1.0))
 
-    def _rigid(self, likelihood: Likelihood, z: FloatArray) -> Linearised:
-        """The pass; with two masses on a spring, which have no scalar gains, as one mass."""
+    def _share(self, one: Item) -> float:
+        """Largest coefficient of a force that does what the drive does: half of the drive.
+
+        Beyond, it mutes the drive, and the base with it.
+        """
+        if one.name == REVERSAL or not one.column.force or self.problem.imposed:
+            return math.inf
+        effect = effect_class(one.name)
+        if effect.action != "input" and not effect.loaded():
+            return math.inf
+        slides = self.here.direction != 0.0
+        size = float(np.linalg.norm(one.column.force[0][slides]))
+        return _HALF * float(np.linalg.norm(self.here.u[slides])) / max(size, 1e-300)
+
+    def _rigid(self, likelihood: Likelihood, z: FloatArray) -> tuple[Likelihood, FloatArray]:
+        """Where the pass is: two masses on a spring, which have no scalar gains, are one mass."""
         axis = likelihood.axis_at(z, 0)
         spring = next((n for n, e in named(axis).items() if e.inner(axis).stiffness > 0.0), None)
         if spring is not None:
@@ -181,7 +218,7 @@ class Gram:
             free = [n for n in self.problem.free_of(self.fit) if not n.startswith(f"{spring}.")]
             likelihood = self.problem.likelihood(bare, free)
             z = likelihood.start(noises=self.noises)
-        return Linearised(self.problem, likelihood, z)
+        return likelihood, z
 
     @cached_property
     def _shapes(self) -> dict[str, list[Column]]:
@@ -228,10 +265,10 @@ class Gram:
             (name, one) for name, some in self._shapes.items() for one in some
             if not (one.force or one.reading)
         ]  # fmt: skip
-        same = self.here.likelihood is self.fit.problem
+        same = self.likelihood is self.fit.problem
         levels = self._levels
         if tasks and not same:
-            levels = self._costs(self.here.likelihood, self._parts)
+            levels = self._costs(self.likelihood, self._parts)
 
         def run(name: str, column: Column) -> tuple[FloatArray, float] | None:
             try:
@@ -314,6 +351,58 @@ class Gram:
                 found[k] = gain
         return found
 
+    def _remainder(self, chosen: Sequence[int]) -> FloatArray:
+        """Residual that a set of items leaves, the base moved along."""
+        c = self._solved([chosen], True, signed=False)[1][0]
+        at = [*range(self.fixed), *(j for g in chosen for j in self.items[g].at)]
+        columns = np.concatenate(self._blocks, axis=1)[:, at]
+        return np.asarray(self.here.y + columns @ c)
+
+    def forward_selection(self, most: int) -> list[int]:
+        """Items that join one after the other, those of friction after reversals among them.
+
+        Each joins if it gains more than by chance, by the number of independent samples of what it
+        leaves: before, what is missing correlates them all.
+        """
+        one = copy.copy(self)
+        one.g, chosen, barred = self.g.copy(), list[int](), set[str]()
+        left = one._remainder(chosen)
+        while len(chosen) < most:
+            g = one._best(chosen, (REVERSAL,), barred)[1]
+            if g < 0:
+                break
+            new = one._remainder([*chosen, g])
+            count = self.here.independent(new)
+            if one.most[one.items[g].at[0]] < math.inf and count < _WHITER * one.count:
+                # It mutes the drive and its noise: what is left has more structure than before.
+                barred.add(one.items[g].name)
+                continue
+            fall = float(new @ new) / max(float(left @ left), 1e-300)
+            gain = -0.5 * count * math.log(max(fall, 1e-300))
+            if gain < one._chance(g) + len(one.items[g].at) or fall > self.here.least_fall:
+                break
+            chosen = one._exchanged([*chosen, g], barred)
+            left = one._remainder(chosen)
+            one._rescale(left)
+        return chosen
+
+    def _exchanged(self, chosen: list[int], barred: Collection[str]) -> list[int]:
+        """The set with each item replaced by what gains more in its place, if anything."""
+        now = self.gains([chosen])[0]
+        for k in range(len(chosen) - 1):
+            gain, g = self._best([*chosen[:k], *chosen[k + 1 :]], (REVERSAL,), barred)
+            if gain > now + COINCIDE:
+                chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
+        return chosen
+
+    def _rescale(self, left: FloatArray) -> None:
+        """Count independent samples of what is left, in whose units the prior of the base is."""
+        self.count = self.here.independent(left)
+        size = float(left @ left) / self.count
+        ratio = size / self._unit
+        self.g[np.diag_indices(self.fixed)] += (ratio - 1.0) * self._ridge
+        self._ridge, self._unit = ratio * self._ridge, size
+
     def _assumed(self, c: FloatArray) -> FloatArray:
         """Cost of the changes of base parameters as assumptions, which is not quadratic."""
         nominal = np.array([self.problem.nominal[n] for n in self.base])
@@ -328,7 +417,8 @@ class Gram:
         """Predicted gain of a drive that acts before its time stamps, 0 if by chance."""
         late = [
             [g] for g, one in enumerate(self.items)
-            if effect_class(one.name).action == "delay" and one.column.force
+            if one.name != REVERSAL
+            and effect_class(one.name).action == "delay" and one.column.force
         ]  # fmt: skip
         if not late:
             return 0.0
@@ -341,16 +431,26 @@ class Gram:
         """Predicted gain of the free parameters by themselves."""
         return self.gains([[]])[0]
 
-    def _best(self, chosen: Sequence[int]) -> tuple[float, int]:
-        """The item with the largest gain beside chosen ones."""
+    def _best(
+        self, chosen: Sequence[int], also: Sequence[str] = (), barred: Collection[str] = ()
+    ) -> tuple[float, int]:
+        """The effect's item with the largest gain beside chosen ones, or one of `also`."""
         names = {self.items[g].name for g in chosen}
-        actions = {effect_class(n).action for n in names} & {*_SINGLE}
+        actions = {effect_class(n).action for n in names - {REVERSAL}} & {*_SINGLE}
         some = [
             g for g, one in enumerate(self.items)
-            if one.name not in names and effect_class(one.name).action not in actions
+            if one.name not in names and one.name not in barred
+            and (one.name in also or (
+                one.name != REVERSAL and effect_class(one.name).action not in actions
+            ))
         ]  # fmt: skip
         gains = self.gains([[*chosen, g] for g in some])
-        return max(zip(gains, some, strict=True), default=(-math.inf, -1))
+        top = max(gains, default=-math.inf)
+        # Of equals the one with the fewest columns.
+        rows = [
+            (gain, g) for gain, g in zip(gains, some, strict=True) if gain > top - 0.5 * COINCIDE
+        ]
+        return min(rows, key=lambda r: (len(self.items[r[1]].at), -r[0]), default=(-math.inf, -1))
 
     @cached_property
     def _single(self) -> dict[str, tuple[float, int]]:
@@ -358,9 +458,17 @@ class Gram:
         found = dict[str, tuple[float, int]]()
         gains = self.gains([[g] for g in range(len(self.items))])
         for g, (one, gain) in enumerate(zip(self.items, gains, strict=True)):
+            if one.name == REVERSAL:
+                continue
             gain = max(gain - self.alone, one.gain)
             found[one.name] = max(found.get(one.name, (-math.inf, g)), (gain, g))
         return found
+
+    @cached_property
+    def after_reversal(self) -> int:
+        """Place at which friction after reversals joins the model; MOST if it does not."""
+        names = [self.items[g].name for g in self.forward_selection(JOINT)]
+        return names.index(REVERSAL) if REVERSAL in names else MOST
 
     @property
     def singles(self) -> dict[str, float]:
@@ -418,7 +526,7 @@ class Gram:
         most = [SAME**2 * min(rest(k, n) for n in some) for k, some in enumerate(sets)]
         sizes = [sum(map(_size, some)) for some in sets]
         best = [(math.inf, math.inf, "", dict[str, float]())] * len(sets)
-        for one in (i for i in self.items if i.column.force):
+        for one in (i for i in self.items if i.column.force and i.name != REVERSAL):
             c, left = _left(np.stack(one.column.force, axis=1)[slides], force)
             size = _size(one.name)
             for k, some in enumerate(sets):
@@ -434,6 +542,16 @@ class Gram:
                 others = problem.free_without(free, *some)
                 start = with_effect(bare, name, values)
                 yield some, name, start.axis, (*others, *start.free)
+
+    def whole(self, most: int) -> tuple[list[Proposal], bool]:
+        """Starts with all effects that forward selection finds.
+
+        And whether friction after reversals is among them.
+        """
+        every = self.forward_selection(most)
+        chosen = [g for g in every if self.items[g].name != REVERSAL]
+        starts = self._starts(self.gains([chosen])[0], chosen) if chosen else []
+        return starts, len(chosen) < len(every)
 
     def proposals(self, every: bool = False) -> list[Proposal]:
         """Starts of fits that it has not proposed yet, with the likeliest shapes in a pass.
@@ -457,10 +575,10 @@ class Gram:
         it is that with which the base is least surprising.
         """
         found: dict[str, Proposal] = {}
-        count, likelihood = len(self.base), self.here.likelihood
-        level = profiled(likelihood, self.here.point) + likelihood.prior(self.here.z)
+        count, likelihood = len(self.base), self.likelihood
+        level = profiled(likelihood, likelihood.at(self.z)) + likelihood.prior(self.z)
         for one in self.items:
-            if len(one.at) != 1 or not count or one.gain > -math.inf:
+            if len(one.at) != 1 or not count or one.gain > -math.inf or one.name == REVERSAL:
                 continue
             j = one.at[0]
             same = np.linalg.solve(
@@ -553,7 +671,7 @@ class Gram:
 
     def _changed(self, axis: FrictionAxis, c: FloatArray) -> FloatArray:
         """Base parameters after relative changes, with their sign and within their bounds."""
-        now, some = values_of(axis, self.base), {p.name: p for p in self.here.likelihood.parameters}
+        now, some = values_of(axis, self.base), {p.name: p for p in self.likelihood.parameters}
         low, high = (np.array([getattr(some[n], b) for n in self.base]) for b in ("low", "high"))
         factor = np.where(low < 0.0, 1.0 + c, np.clip(1.0 + c, *_BASE))
         rise = np.clip(now * factor, low, high)

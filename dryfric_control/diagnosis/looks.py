@@ -14,7 +14,7 @@ from dryfric_control.diagnosis.candidates import with_effect
 from dryfric_control.diagnosis.criterion import cost_of, evidence, prior_of
 from dryfric_control.diagnosis.gram import Proposal, raised, scaled
 from dryfric_control.diagnosis.invariants import impossible, unsound
-from dryfric_control.diagnosis.linearised import Linearised
+from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
     AHEAD,
@@ -304,7 +304,7 @@ class Looks:
             return row
         return replace(row, fit=fit, evidence=self._worth(fit, row.names))
 
-    def translate(self, view: Linearised) -> None:
+    def translate(self, view: ModelView) -> None:
         """Fit rows that act as the best one does again from where that one ended.
 
         A rough cost would choose between equals by chance.

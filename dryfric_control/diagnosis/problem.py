@@ -20,6 +20,7 @@ from dryfric_control.estimation.force_view import ForceView
 from dryfric_control.estimation.likelihood import BASE, NORMAL, Likelihood, Run
 from dryfric_control.estimation.parameters import SHIFT, Scales, typical, values_of
 from dryfric_control.estimation.scoring import SOME, maximise
+from dryfric_control.estimation.smoothed_motion import SmoothedMotion
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
@@ -62,6 +63,11 @@ class Problem:
     def samples(self) -> int:
         """Number of samples whose innovations count."""
         return sum(int(r.active.sum()) for r in self.runs)
+
+    @cached_property
+    def motions(self) -> tuple[SmoothedMotion, ...]:
+        """Smoothed motion of each record."""
+        return tuple(SmoothedMotion.of(r.record, self.believed.mass) for r in self.runs)
 
     @cached_property
     def scales(self) -> Scales:

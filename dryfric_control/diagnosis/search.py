@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import catalogue, effect_class, forms, held_by
 from dryfric_control.diagnosis.criterion import cost_of, evidence, surprises
+from dryfric_control.diagnosis.force_view import ForceView
 from dryfric_control.diagnosis.gram import Gram, Proposal
 from dryfric_control.diagnosis.invariants import in_free_runs, unsound
-from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.looks import Looks, Row, begun
+from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
     AHEAD,
@@ -81,7 +82,7 @@ class Search:
     #: Starts with one effect in the place of a cause or two.
     _merges: dict[frozenset[str], list[Any]] = field(default_factory=dict)
     #: The pass of the last round.
-    view: Linearised | None = None
+    view: ModelView | None = None
 
     def alone(self) -> Solution:
         """The nominal structure with its base fitted, from the nominal values and by continuation.
@@ -109,6 +110,29 @@ class Search:
             rows = problem.parallel(fit, starts, [False] * len(starts))
             best = min([best, *rows], key=cost_of)
         return maximise(best.problem, best.z, SOME, problem.until, again=True)
+
+    def by_force(self) -> tuple[Model, bool]:
+        """The model with all causes that the force of the motion shows, fitted.
+
+        And whether the force shows that friction builds up after reversals.
+        """
+        problem, nominal = self.problem, self.problem.nominal_fit
+        start = problem.fit(problem.believed, noises=noises_of(nominal), turns=0)
+        gram = self._by_force(start)
+        self.first = gram.singles | self.first
+        for name, odds in gram.odds.items():
+            self.odds[name] = max(odds, self.odds.get(name, 0.0))
+        starts, builds_up = gram.whole(MOST)
+        if not starts:
+            return Model(nominal), builds_up
+        fits = problem.parallel(lambda one: begun(problem, one.axis, one.free, nominal), starts)
+        return Model(min(fits, key=cost_of), starts[0].names), builds_up
+
+    def _by_force(self, fit: Solution, causes: Sequence[str] = ()) -> Gram:
+        """Normal equations of the force that a model lacks."""
+        names = self._addable(Model(fit, tuple(causes)))
+        view = ForceView(self.problem, fit.axis)
+        return Gram(self.problem, fit, names, self._fail, view)
 
     def run(self, now: Model) -> Model:
         """Causes added, exchanged and dropped until the set stays; the likeliest set on the way."""
@@ -224,16 +248,21 @@ class Search:
         grams = self._grams(now)
         looks = Looks(self.problem, now.fit, self.odds, self._fail)
         looks.fit(self._proposals(now, grams))
-        # Where one explanation leaves nothing, none that takes passes of the filter gains more.
-        fits = [now.fit, *(r.fit for r in looks.good)]
-        self._spared_rounds.discard(key)
-        if all(self.problem.left(fit) >= LEAST for fit in fits):
-            if other is not None and self.problem.left(other) < LEAST:
-                self._spared_rounds.add(key)
-            else:
-                for gram in grams:
-                    gram.simulate()
-                looks.fit(self._proposals(now, grams))
+        # Shapes with a memory take passes of the filter: they are tried where friction builds up
+        # after reversals and no explanation leaves nothing; in the place of another cause, only
+        # where that is the first thing to be seen.
+        fits = [now.fit, *(r.fit for r in looks.good), *([] if other is None else [other])]
+        last = MOST if other is None else 1
+        if all(self.problem.left(fit) >= LEAST for fit in fits) and (
+            any(gram.after_reversal < last for gram in grams)
+            or (grams and self._by_force(now.fit, now.causes).after_reversal < last)
+        ):
+            for gram in grams:
+                gram.simulate()
+            looks.fit(self._proposals(now, grams))
+            self._spared_rounds.discard(key)
+        elif other is not None:
+            self._spared_rounds.add(key)
         if self.view is not None:
             looks.translate(self.view)
         rows = looks.rows

@@ -157,7 +157,7 @@ def maximise(
     for turn in range(iterations):  # noqa: B007
         if quick and not linear:
             break
-        sides = 0 if (quick or promised > _CLOSE) and linear else 1 if promised > _NEAR else 2
+        sides = 0 if linear else 1 if promised > _NEAR else 2
         gradients, information = problem.terms(z, point, sides)
         g, h = gradients.sum(axis=0), information.sum(axis=0)
         problem.refine(h, wider)

@@ -37,6 +37,9 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
+    from dryfric_control.estimation.force_map import ForceMap
+    from dryfric_control.model.axis import FrictionAxis
+
 __all__ = ["Derivatives", "Record", "RecordWarning"]
 
 _WINDOWS = (5, 7, 9, 11, 13, 15, 19, 23, 27, 33, 41, 51, 61, 75, 91, 101)
@@ -660,6 +663,41 @@ class Record(Saved):
             )
         x, v, a = (savgol_filter(self.x, int(size), 3, deriv, self.dt) for deriv in (0, 1, 2))
         return Derivatives(x, v, a)
+
+    def force_map(self, axis: FrictionAxis, hold: str = "zero") -> ForceMap:
+        """What remains of the drive over place, velocity, drive, time and after reversals.
+
+        The force that the motion requires, beyond drive and friction of a model: a picture of what
+        the model lacks, before any fit.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The model.
+        hold : {"zero", "first"}, optional
+            Whether the recorded input is held or interpolated linearly between samples.
+
+        Returns
+        -------
+        ForceMap
+
+        Raises
+        ------
+        ValueError
+            If an argument is of the wrong kind, or the units differ from those of the axis.
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=2.4, viscous=12.0, coulomb=9.0)
+        >>> found = dfc.datasets.belt_stage().force_map(axis)
+        >>> sorted(found.curves)
+        ['after_reversal', 'drive', 'place', 'time', 'velocity']
+        """
+        # Here: estimation is made of records.
+        from dryfric_control.estimation.force_map import force_map
+
+        return force_map(axis, self, hold)
 
     def compare(self, name: str, window: int | None = None) -> checks.Comparison:
         """Compare a measured channel with what the position implies.

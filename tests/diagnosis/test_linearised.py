@@ -32,7 +32,7 @@ def view_of(axis, record, force=0.5):
     problem = Problem(axis, (prepare(record),))
     likelihood = problem.likelihood(axis)
     here = Linearised(problem, likelihood, likelihood.start(force))
-    here.left(here.base(problem.base))
+    here.project_out(here.base(problem.base))
     return here
 
 

@@ -1,0 +1,143 @@
+"""The force that the motion needs and the model lacks, and the columns that effects add to it.
+
+    S u = m S a + f S v + S F + S (missing force),
+
+with one smoothing kernel S for all terms, in the samples that slide.  The regression is linear,
+global and robust against a wrong base: it proposes causes before any fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from dryfric_control.arrays import Floats
+from dryfric_control.diagnosis.model_view import ModelView
+from dryfric_control.diagnosis.problem import Problem
+from dryfric_control.estimation.likelihood import BOLD
+from dryfric_control.estimation.parameters import values_of, with_values
+from dryfric_control.estimation.smoothed_motion import drive_at_the_mass, missing_force
+from dryfric_control.model.axis import FrictionAxis
+
+# Autocorrelation below which samples count as independent.
+_UNCORRELATED = 0.05
+# Relative step of a free parameter whose column is a difference.
+_STEP = 1e-3
+
+
+class ForceView(ModelView):
+    """Force residual of an axis in the sliding samples of the records.
+
+    Parameters
+    ----------
+    problem : Problem
+    axis : FrictionAxis
+        The model.
+    names : sequence of str, optional
+        Free parameters of its effects.
+    """
+
+    # The bias of the smoothing is of that size.
+    least_fall = 0.96
+
+    def __init__(self, problem: Problem, axis: FrictionAxis, names: Sequence[str] = ()) -> None:
+        self.problem, self.axis, self.names = problem, axis, tuple(names)
+        self.motions = problem.motions
+        records = [m.record for m in self.motions]
+        ends = np.cumsum([0, *(len(r) for r in records)])
+        self.slices = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        self.dt, self.quantum = records[0].dt, min(r.resolution.step for r in records)
+        self.duration = max(r.duration for r in records)
+        self.t = np.concatenate([r.t for r in records])
+        self.x, self.v, self.a, self.direction = (
+            np.concatenate([getattr(m, name) for m in self.motions])
+            for name in ("x", "v", "a", "direction")
+        )
+        self.u = self._drive_at_the_mass(axis)
+        self.scale = 1.0
+        self.y = self._smoothed([self._missing(axis)])[:, 0]
+        self._set_scale()
+
+    def _drive_at_the_mass(self, axis: FrictionAxis) -> Floats:
+        found = []
+        for run in self.problem.runs:
+            record = run.record.replace(u=run.u) if run.u is not run.record.u else run.record
+            found.append(drive_at_the_mass(axis, record, self.problem.hold))
+        return np.concatenate(found)
+
+    def _missing(self, axis: FrictionAxis, u: Floats | None = None) -> Floats:
+        """Force that the motion needs beyond what the axis has, shape (n,)."""
+        u = self.u if u is None else u
+        rows = zip(self.motions, self.slices, strict=True)
+        return np.concatenate([missing_force(axis, m, u[part]) for m, part in rows])
+
+    def _smoothed(self, some: Sequence[Floats]) -> Floats:
+        columns = np.stack(some, axis=1)
+        rows = zip(self.motions, self.slices, strict=True)
+        return np.concatenate([m.smoothed(columns[part]) for m, part in rows])
+
+    def _set_scale(self) -> None:
+        """The unit of the residual: what the base leaves; and the number of independent samples."""
+        columns = self._smoothed(self.base_forces(self.problem.base) or [np.zeros(self.x.size)])
+        ridge = np.eye(columns.shape[1]) / BOLD
+        left, unit = self.y, max(float(np.std(self.y)), 1e-300)
+        for _ in range(2):
+            # The prior of the base counts in units of what is left, by its independent samples.
+            rows = np.concatenate((columns / unit, ridge))
+            aim = np.concatenate((self.y / unit, np.zeros(len(ridge))))
+            left = self.y - columns @ np.linalg.lstsq(rows, aim, rcond=None)[0]
+            time = self.correlation_time(left)
+            unit = max(float(np.sqrt(np.mean(left**2) * time)), 1e-300)
+        self.scale = 1.0 / unit
+        self.y = self.y * self.scale
+        self.count = self.independent(left)
+
+    def independent(self, left: Floats) -> float:
+        return left.size / self.correlation_time(left)
+
+    def correlation_time(self, left: Floats) -> float:
+        """Number of samples of a residual that say the same thing."""
+        if left.size < 3:
+            return 1.0
+        power = np.abs(np.fft.rfft(left - left.mean(), 2 * left.size)) ** 2
+        c = np.fft.irfft(power)[: left.size]
+        stop = int(np.argmax(c < _UNCORRELATED * c[0])) or left.size - 1
+        return float(1.0 + 2.0 * c[1:stop].sum() / max(c[0], 1e-300))
+
+    @cached_property
+    def ok(self) -> Floats:
+        """Whether a sample is one of the residual, shape (n,)."""
+        found = np.zeros(self.x.size, bool)
+        for motion, part in zip(self.motions, self.slices, strict=True):
+            found[part.start + motion.places] = True
+        return found
+
+    def of_forces(self, some: Sequence[Floats]) -> Floats:
+        # A force that the model gains is missing no more.
+        return -self.scale * self._smoothed(some)
+
+    def steps(self, names: Sequence[str]) -> Floats:
+        found, now = [], self._missing(self.axis)
+        for name in names:
+            value = float(values_of(self.axis, [name])[0])
+            step = _STEP * (abs(value) or self.size)
+            try:
+                other = with_values(self.axis, [name], [value + step])
+            except ValueError:
+                other = with_values(self.axis, [name], [value - step])
+            found.append(self._missing(other, self._drive_at_the_mass(other)) - now)
+        if not found:
+            return np.zeros((self.y.size, 0))
+        columns = self.scale * self._smoothed(found)
+        return np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+
+    def slopes(self, left: Floats) -> tuple[Floats, Floats]:
+        at, found = 0, []
+        for motion in self.motions:
+            end = at + motion.places.size
+            found.append(motion.spread(left[at:end]))
+            at = end
+        force = np.concatenate(found) * self.scale
+        return force, np.zeros(force.size)

@@ -5,7 +5,8 @@
 A slide is simulated here by a switched Coulomb law in steps of 2 us, which shares no code with
 the package.  From the first 60 % of each record, and from values that are 30 % off, every peer
 finds mass, viscous coefficient and Coulomb level.  The error of prediction is the median over free
-runs of 0.25 s over the other 40 %, of an axis with the found values.  Times are of a core, code compiled.
+runs of 0.25 s over the other 40 %, of an axis with the found values.  Times are of a core, code
+compiled.
 
 pysindy and mujoco.sysid run where they are installed:  pip install pysindy "mujoco[sysid]"
 """
@@ -153,8 +154,7 @@ def scipy_output_error(record: dfc.Record) -> Found:
 
 def control_alone(record: dfc.Record) -> Found:
     """`input_output_response` of a block with friction tanh(v/1 mm/s), fitted by scipy."""
-    x, v, _ = motion(record)
-    n = 2000  # 2 s: a run of the whole record costs half a minute a parameter
+    n = 2000  # 2 s from rest: errors of longer free runs have many minima
 
     def update(t, state, u, p):  # type: ignore[no-untyped-def]
         friction = p["f"] * state[1] + p["c"] * np.tanh(state[1] / 1e-3)
@@ -164,12 +164,17 @@ def control_alone(record: dfc.Record) -> Found:
 
     def errors(scale: np.ndarray) -> np.ndarray:
         run = ct.input_output_response(
-            block, record.t[:n], record.u[:n], [x[15], 0.0], solve_ivp_method="LSODA",
+            block,
+            record.t[:n],
+            record.u[:n],
+            [record.x[0], 0.0],
+            solve_ivp_method="LSODA",
+            solve_ivp_kwargs={"rtol": 1e-7, "atol": 1e-9},
             params=dict(zip("mfc", scale * START, strict=True)),
-        )  # fmt: skip
+        )
         return np.asarray(run.outputs[0] - record.x[:n])
 
-    found = least_squares(errors, np.ones(3), x_scale=0.1, diff_step=1e-3, max_nfev=12)
+    found = least_squares(errors, np.ones(3), x_scale=0.1, diff_step=1e-3, max_nfev=30)
     covariance = np.linalg.inv(found.jac.T @ found.jac) * 2.0 * found.cost / found.fun.size
     return Found(found.x * START, np.sqrt(np.diag(covariance)) * START)
 
@@ -184,11 +189,16 @@ def sindy(record: dfc.Record) -> Found:
     _, v, a = motion(record)
     u = np.convolve(record.u, np.ones(31) / 31.0, "same")
     moving = np.abs(v) > 0.05 * np.abs(v).max()
+    powers = [lambda one: one, lambda one: one**2, lambda one: one**3]
     terms = ps.CustomLibrary(
-        library_functions=[lambda one: one, lambda one: np.sign(one), lambda one: one**2, lambda one: one**3],
-        function_names=[lambda one: one, lambda one: f"sign({one})", lambda one: f"{one}^2",
-                        lambda one: f"{one}^3"],
-    )  # fmt: skip
+        library_functions=[*powers, lambda one: np.sign(one)],
+        function_names=[
+            lambda one: one,
+            lambda one: f"{one}^2",
+            lambda one: f"{one}^3",
+            lambda one: f"sign({one})",
+        ],
+    )
     model = ps.SINDy(optimizer=ps.STLSQ(threshold=0.2), feature_library=terms)
     model.fit(
         v[moving][:, None], t=DT, x_dot=a[moving][:, None], u=u[moving][:, None],
@@ -322,7 +332,8 @@ def main() -> None:
     repeats = dict.fromkeys([name for name in PEERS if "ours" in name or "scipy, " in name], 2)
     for case in chosen.cases:
         noise, quantum, cogging = CASES[case]
-        print(f"\n{case}: drive noise {noise:g} N, encoder {1e6 * quantum:g} um, cogging {cogging:g} N")
+        print(f"\n{case}: drive noise {noise:g} N, encoder {1e6 * quantum:g} um", end="")
+        print(f", cogging {cogging:g} N" if cogging else "")
         print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")
         for name, work in PEERS.items():
             if any(one in name for one in chosen.only):

@@ -20,6 +20,7 @@ from dryfric_control.export import export_c as export_c
 from dryfric_control.export import export_fmu as export_fmu
 from dryfric_control.identification import Fit as Fit
 from dryfric_control.identification import FitWarning as FitWarning
+from dryfric_control.identification import axis_from as axis_from
 from dryfric_control.identification import fit as fit
 from dryfric_control.identification import identify_coulomb as identify_coulomb
 from dryfric_control.identification import identify_stribeck as identify_stribeck

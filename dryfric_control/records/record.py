@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
+    from dryfric_control.estimation.force_explorer import ForceExplorer
     from dryfric_control.estimation.force_map import ForceMap
     from dryfric_control.model.axis import FrictionAxis
 
@@ -698,6 +699,25 @@ class Record(Saved):
         from dryfric_control.estimation.force_map import force_map
 
         return force_map(axis, self, hold)
+
+    def explore(self, axis: FrictionAxis, hold: str = "zero") -> ForceExplorer:
+        """What remains of the drive, with sliders for the numbers of the model.
+
+        In a notebook with ipywidgets (the extra ``interactive``) the picture is redrawn while mass,
+        viscous coefficient, Coulomb level, Stribeck peak and a line over place are turned; without
+        it, it is a picture.  ``explore(axis).axis`` is the model as it stands.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The model to start from, such as ``dfc.axis_from(record)``.
+        hold : {"zero", "first"}, optional
+            Whether the recorded input is held or interpolated linearly between samples.
+        """
+        # Here: estimation is made of records.
+        from dryfric_control.estimation.force_explorer import ForceExplorer
+
+        return ForceExplorer(self, axis, hold)
 
     def compare(self, name: str, window: int | None = None) -> checks.Comparison:
         """Compare a measured channel with what the position implies.

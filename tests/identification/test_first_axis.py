@@ -53,6 +53,6 @@ def test_what_the_record_does_not_say_is_told():
     assert axis.viscous == 0.0 and axis.coulomb.mean == pytest.approx(8.3, abs=0.05)
     with pytest.raises(ValueError, match="wrong sign.*gain=-1"):
         dfc.axis_from(record_of(-FORCE))
-    short = dfc.Record(T[:80], FORCE[:80], POSITION[:80])
+    short = dfc.Record(T[:40], FORCE[:40], POSITION[:40])
     with pytest.raises(ValueError, match="smoothed samples only, 50 are needed"):
         dfc.axis_from(short)

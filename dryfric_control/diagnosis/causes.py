@@ -14,7 +14,7 @@ from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.diagnosis.search import Model, Search
 from dryfric_control.diagnosis.thresholds import CLEAR, EQUAL, LEAST, NOTABLE, RIGHT, SAME
-from dryfric_control.estimation.likelihood import BASE
+from dryfric_control.estimation.likelihood import BASE, BOLD
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.random_force import long_run
 from dryfric_control.estimation.scoring import FEW, SOME
@@ -84,6 +84,8 @@ def causes_of(
     """Causes of a model in the order found, and wrong base parameters."""
     problem = search.problem
     errors, units = final.standard_errors(), {p.name: p.unit for p in final.problem.parameters}
+    if problem.scale_open:
+        errors |= {n: math.hypot(errors[n], BOLD * abs(v)) for n, v in scaling_with_gain(final)}
     fitted = {n: (v, errors[n], units.get(n, "")) for n, v in final.values().items()}
     # Motion depends only on the ratio of all forces to a gain: nothing separates it from errors of
     # base parameters that together scale the others, if none of them is known.
@@ -116,6 +118,18 @@ def causes_of(
         others = [*wrong[0].alternatives, *_instead(search, final, wrong[0])]
         return [replace(wrong[0], alternatives=tuple(others))]
     return found + wrong
+
+
+def scaling_with_gain(fit: Solution) -> list[tuple[str, float]]:
+    """Parameters of a fit that are forces or per unit of force, with their values.
+
+    Motion depends only on their ratios to the gain of the drive.
+    """
+    found = []
+    for p, (name, value) in zip(fit.problem.parameters, fit.values().items(), strict=False):
+        if p.name in BASE or p.unit[:1] == "N" or p.unit[:2] == "kg":
+            found.append((name, value))
+    return found
 
 
 def _wrong_base(
@@ -159,7 +173,8 @@ def _instead(search: Search, final: Solution, cause: Cause) -> tuple[str, ...]:
     """Effects that explain the records as well as one wrong base parameter, held at nominal."""
     problem = replace(search.problem, known=(*search.problem.known, *cause.parameters))
     other = Search(problem, odds=dict(search.odds))
-    rows = other.round(Model(other.alone()), final)
+    among = other.rivals_of_base(final)
+    rows = other.round(Model(other.alone()), final, among) if among else []
     alone = (row for row in rows if len(row.names) == 1 and not row.reason)
     return tuple(row.names[0] for row in alone if row.fit.cost < final.cost + EQUAL)
 

@@ -33,6 +33,7 @@ from dryfric_control.diagnosis.thresholds import (
     AHEAD,
     ANSWER,
     ENOUGH,
+    LEAST,
     LEAST_WINDOWS,
     RIVALS,
     SOONEST,
@@ -74,6 +75,11 @@ _ONE_VELOCITY = (
 _MUTED = (
     "the random force that is left is more than a fifth of the Coulomb level: what acts on the "
     "axis is mostly unknown"
+)
+_RATIOS = (
+    "the record fixes mass, friction and all forces only as ratios to the gain of the drive, "
+    "which keeps its nominal value: the errors include a factor of 1.4 for it; if the gain or "
+    'the mass is known, say so: known=("mass",)'
 )
 _CHANGES = (
     "what fits the first half of the record does not fit the second half, and the difference is "
@@ -311,6 +317,8 @@ def _answered(
     messages += hardly_determined(problem.believed, causes)
     if found.muted:
         messages.append(_MUTED)
+    if problem.scale_open:
+        messages.append(_RATIOS)
     if problem.imposed:
         messages += [_IMPOSED] + [_ONE_VELOCITY] * problem.steady
     taken = math.sqrt(
@@ -382,7 +390,9 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         again = _reconsidered(search, model, recorded)
         if again is not None:
             search, model = again
-        explained = problem.clear_of_line(model.fit) and not problem.muted(model.fit)
+        explained = problem.left(model.fit) < LEAST or (
+            problem.clear_of_line(model.fit) and not problem.muted(model.fit)
+        )
         if not (behind or explained or problem.late):
             found = _by_force(search, begun)
             if found is not None and found[1].fit.cost < model.fit.cost:

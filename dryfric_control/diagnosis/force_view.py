@@ -8,7 +8,8 @@ global and robust against a wrong base: it proposes causes before any fit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +24,14 @@ from dryfric_control.model.axis import FrictionAxis
 
 # Autocorrelation below which samples count as independent.
 _UNCORRELATED = 0.05
+# Longest delay of the drive that is looked for, over the length of the record.
+_LATEST = 0.03
+# Number of delays, or limits, on a grid, and on the finer one around the best of them.
+_GRID = 12
+# Number of knots of the curve of the drive.
+_KNOTS = 9
+# Largest ratio of the squares that are left with a delay, or a limit, to those without it.
+_HALVED = 0.5
 # Relative step of a free parameter whose column is a difference.
 _STEP = 1e-3
 
@@ -61,11 +70,9 @@ class ForceView(ModelView):
         self._set_scale()
 
     def _drive_at_the_mass(self, axis: FrictionAxis) -> Floats:
-        found = []
-        for run in self.problem.runs:
-            record = run.record.replace(u=run.u) if run.u is not run.record.u else run.record
-            found.append(drive_at_the_mass(axis, record, self.problem.hold))
-        return np.concatenate(found)
+        # As recorded: the kernel takes off what noise it can on both sides.
+        hold = self.problem.hold
+        return np.concatenate([drive_at_the_mass(axis, m.record, hold) for m in self.motions])
 
     def _missing(self, axis: FrictionAxis, u: Floats | None = None) -> Floats:
         """Force that the motion needs beyond what the axis has, shape (n,)."""
@@ -106,6 +113,11 @@ class ForceView(ModelView):
         stop = int(np.argmax(c < _UNCORRELATED * c[0])) or left.size - 1
         return float(1.0 + 2.0 * c[1:stop].sum() / max(c[0], 1e-300))
 
+    @property
+    def squares(self) -> float:
+        """Sum of the squares of the force that is missing [N^2]."""
+        return float(self.y @ self.y) / self.scale**2
+
     @cached_property
     def ok(self) -> Floats:
         """Whether a sample is one of the residual, shape (n,)."""
@@ -113,6 +125,46 @@ class ForceView(ModelView):
         for motion, part in zip(self.motions, self.slices, strict=True):
             found[part.start + motion.places] = True
         return found
+
+    def late_drive(self) -> tuple[float, float]:
+        """Delay [s] and limit [N] with which the drive gives the force of the motion.
+
+        Zero and infinity where they do not halve what is left.  The delay is that of a curve
+        h(u(t - d)), piecewise linear: a gain, a limit and a dead zone are shapes of it, so none of
+        them hides a delay.
+        """
+        none = np.zeros(self.u.size)
+        needed = self._smoothed([self._missing(self.axis, none)])[:, 0]
+        longest = min(_LATEST * self.duration / self.dt, 0.05 * self.x.size)
+        late = _least(lambda d: self._left_by_curve(needed, round(d)), 1.0, max(longest, 2.0))
+        late = round(late)
+        if self._left_by_curve(needed, late) > _HALVED * self._left_by_curve(needed, 0):
+            late = 0
+        u = self._late(late)
+        size = np.abs(u).max()
+
+        def left(limit: float) -> float:
+            rest = needed - self._smoothed([np.clip(u, -limit, limit)])[:, 0]
+            return float(rest @ rest)
+
+        limit = _least(left, 1e-3 * size, size)
+        return late * self.dt, limit if left(limit) < _HALVED * left(size) else math.inf
+
+    def _late(self, samples: int) -> Floats:
+        """Drive some samples later."""
+        drives = [self.u[part] for part in self.slices]
+        late = [np.pad(one, (samples, 0), mode="edge")[: one.size] for one in drives]
+        return np.concatenate(late)
+
+    def _left_by_curve(self, needed: Floats, late: int) -> float:
+        """Squares of the force of the motion that a curve of the late drive leaves."""
+        u = self._late(late)
+        knots = np.unique(np.quantile(u, np.linspace(0.0, 1.0, _KNOTS)))
+        if knots.size < 2:
+            return float(needed @ needed)
+        columns = self._smoothed([np.interp(u, knots, row) for row in np.eye(knots.size)])
+        left = needed - columns @ np.linalg.lstsq(columns, needed, rcond=None)[0]
+        return float(left @ left)
 
     def of_forces(self, some: Sequence[Floats]) -> Floats:
         # A force that the model gains is missing no more.
@@ -141,3 +193,12 @@ class ForceView(ModelView):
             at = end
         force = np.concatenate(found) * self.scale
         return force, np.zeros(force.size)
+
+
+def _least(function: Callable[[float], float], low: float, high: float) -> float:
+    """Argument with the least value of a function, on a geometric grid and between its points."""
+    for _ in range(2):
+        grid = np.geomspace(low, high, _GRID)
+        k = int(np.argmin([function(one) for one in grid]))
+        low, high = grid[max(k - 1, 0)], grid[min(k + 1, _GRID - 1)]
+    return float(grid[k])

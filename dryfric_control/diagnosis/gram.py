@@ -49,6 +49,9 @@ REVERSAL = "after reversal"
 _FAR, _BASE = 30.0, (0.4, 2.5)
 # Columns whose responses are computed at once, and ridge of the normal equations.
 _AT_ONCE, _RIDGE = 32, 1e-9
+# Part of the largest gain of a shape with a memory, in passes of the filter, that another one must
+# have to be fitted.
+_FAR_LESS = 0.3
 # Least ratio of the number of independent samples after to before for what takes from the drive.
 _WHITER = 0.8
 # Largest part of the drive that a cause in the drive may take.
@@ -189,7 +192,8 @@ class Gram:
         for one in self.items:
             self.least[one.at[0]] = 0.0 if one.column.positive else -np.inf
             self.most[one.at[0]] = min(one.column.most, self._share(one))
-        vars(self).pop("_single", None)
+        for name in ("_single", "_matrix", "after_reversal"):
+            vars(self).pop(name, None)
         for name in (*self.names, REVERSAL):
             some = [i.column for i in self.items if i.name == name]
             shapes = max([len(some), *(one.shapes for one in some)], default=1.0)
@@ -355,8 +359,32 @@ class Gram:
         """Residual that a set of items leaves, the base moved along."""
         c = self._solved([chosen], True, signed=False)[1][0]
         at = [*range(self.fixed), *(j for g in chosen for j in self.items[g].at)]
-        columns = np.concatenate(self._blocks, axis=1)[:, at]
-        return np.asarray(self.here.y + columns @ c)
+        return np.asarray(self.here.y + self._matrix[:, at] @ c)
+
+    @cached_property
+    def _matrix(self) -> FloatArray:
+        """All columns."""
+        return np.concatenate(self._blocks, axis=1)
+
+    def _least_left(self, sets: Sequence[list[int]]) -> list[int]:
+        """The set of items that leaves least."""
+        return min(sets, key=lambda some: float(np.linalg.norm(self._remainder(some))), default=[])
+
+    def squares_left(self, reversals: bool = False) -> dict[str, float]:
+        """Squared residual that the best shape of each effect leaves, the base moved along.
+
+        In the units of the view, such as N^2; "": of the base alone.  `reversals`: beside
+        friction that builds up after reversals.
+        """
+        unit = float(np.mean(self.here.scale)) ** -2
+        beside = self._least_left([[g] for g, i in enumerate(self.items) if i.name == REVERSAL])
+        beside = beside if reversals else []
+        left = self._remainder(beside)
+        found = {"": unit * float(left @ left)}
+        for g, one in enumerate(self.items):
+            left = self._remainder([*beside, g] if g not in beside else beside)
+            found[one.name] = min(found.get(one.name, math.inf), unit * float(left @ left))
+        return found
 
     def forward_selection(self, most: int) -> list[int]:
         """Items that join one after the other, those of friction after reversals among them.
@@ -478,7 +506,13 @@ class Gram:
     def sets(self) -> list[tuple[float, list[int]]]:
         """Items worth a fit, with their predicted gains: singles, and sets by selection."""
         rows = sorted(self._single.values(), reverse=True)
-        found = [(gain, [g]) for gain, g in rows if gain > self._chance(g)][:PROPOSALS]
+        # A shape with a memory that is far less likely in a pass than another one is none.
+        most = max((gain for gain, g in rows if self.items[g].gain > -math.inf), default=0.0)
+        likely = [
+            (gain, [g]) for gain, g in rows
+            if gain > max(self._chance(g), _FAR_LESS * most * (self.items[g].gain > -math.inf))
+        ]  # fmt: skip
+        found = likely[:PROPOSALS]
         chosen: list[int] = []
         now = self.alone
         while len(chosen) < JOINT:
@@ -613,6 +647,8 @@ class Gram:
             others = [
                 o for o, one in enumerate(self.items) if one.name == self.items[g].name and o != g
             ]
+            if self.items[g].gain > -math.inf:
+                continue  # its neighbours have been simulated, too
             gains = self.gains([[*chosen[:k], o, *chosen[k + 1 :]] for o in others])
             rows = [(max(n, self.items[o].gain), o) for n, o in zip(gains, others, strict=True)]
             rows = sorted((r for r in rows if r[0] > -math.inf), reverse=True)

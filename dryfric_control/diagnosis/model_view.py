@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -74,6 +74,7 @@ class ModelView:
     u: Floats
     direction: Floats
     y: Floats
+    scale: Any  # of the residual, over what it is a residual of
     slices: list[slice]
     count: float
     dt: float

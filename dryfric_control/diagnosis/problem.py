@@ -31,6 +31,8 @@ FloatArray = NDArray[np.float64]
 
 #: The effect that is a constant force.
 BIAS = "bias_force"
+#: The factor of the drive.
+GAIN = "input_gain.gain"
 # Actions of nominal effects whose amounts are uncertain.
 _UNSURE = ("force", "friction", "input")
 # Iterations of a fit of the noises alone.
@@ -90,10 +92,21 @@ class Problem:
         values = values_of(self.believed, found)
         return tuple(n for n, v in zip(found, values, strict=True) if v != 0.0)
 
+    @cached_property
+    def scale_open(self) -> bool:
+        """Whether the records fix all forces only as ratios to the gain of the drive.
+
+        The nominal axis has a gain, and the user knows neither that nor a base parameter: nothing
+        then separates the gain from one factor of mass, friction and every other force.
+        """
+        sure = {*self.known, *self.tolerance}
+        return GAIN in self.amounts and not sure & {*BASE, GAIN}
+
     @property
     def base(self) -> tuple[str, ...]:
         """Base parameters that are free, and amounts of the nominal effects."""
         held = (*self.known, *self.also, *(("viscous",) if self.steady else ()))
+        held = (*held, *((GAIN,) if self.scale_open else ()))
         return tuple(n for n in self.nominal if n not in held)
 
     @property

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.diagnosis.candidates import catalogue, effect_class, forms, held_by
+from dryfric_control.diagnosis.candidates import (
+    catalogue,
+    effect_class,
+    forms,
+    held_by,
+    with_effect,
+)
 from dryfric_control.diagnosis.criterion import cost_of, evidence, surprises
 from dryfric_control.diagnosis.force_view import ForceView
-from dryfric_control.diagnosis.gram import Gram, Proposal
+from dryfric_control.diagnosis.gram import REVERSAL, Gram, Proposal
 from dryfric_control.diagnosis.invariants import in_free_runs, unsound
 from dryfric_control.diagnosis.looks import Looks, Row, begun
 from dryfric_control.diagnosis.model_view import ModelView
@@ -39,6 +45,14 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
 
 FloatArray = NDArray[np.float64]
+#: The effects that are a delay and a limit of the drive.
+DELAY = "input_delay"
+LIMIT = "saturation"
+# Largest ratio of the squared force that an effect leaves to that which a cause leaves in its place
+# with which it may do the same.
+_AS_LITTLE = 1.5
+# Part of what a cause explains of the squared force that an effect must explain to do the same.
+_AS_MUCH = 0.7
 #: Causes, their free parameters, the random force, and whether they are instead of the base.
 _Start = tuple[frozenset[str], frozenset[str], float, bool]
 
@@ -117,16 +131,25 @@ class Search:
         And whether the force shows that friction builds up after reversals.
         """
         problem, nominal = self.problem, self.problem.nominal_fit
-        start = problem.fit(problem.believed, noises=noises_of(nominal), turns=0)
-        gram = self._by_force(start)
+        addable = self._addable(Model(nominal))
+        axis, names, free = problem.believed, tuple[str, ...](), tuple[str, ...]()
+        late, limit = ForceView(problem, axis).late_drive()
+        for name, values in ((DELAY, {"delay": late}), (LIMIT, {"limit": limit})):
+            if all(0.0 < v < math.inf for v in values.values()) and name in addable:
+                start = with_effect(axis, name, values)
+                axis, names, free = start.axis, (*names, name), (*free, *start.free)
+        here = problem.fit(axis, free, noises_of(nominal), 0)
+        gram = self._by_force(here, names)
         self.first = gram.singles | self.first
         for name, odds in gram.odds.items():
             self.odds[name] = max(odds, self.odds.get(name, 0.0))
-        starts, builds_up = gram.whole(MOST)
-        if not starts:
+        starts, builds_up = gram.whole(MOST - len(names))
+        if not starts and not names:
             return Model(nominal), builds_up
-        fits = problem.parallel(lambda one: begun(problem, one.axis, one.free, nominal), starts)
-        return Model(min(fits, key=cost_of), starts[0].names), builds_up
+        begins = [(one.axis, (*free, *one.free)) for one in starts] or [(axis, free)]
+        fits = problem.parallel(lambda one: begun(problem, one[0], one[1], nominal), begins)
+        names = (*names, *(starts[0].names if starts else ()))
+        return Model(min(fits, key=cost_of), names), builds_up
 
     def _by_force(self, fit: Solution, causes: Sequence[str] = ()) -> Gram:
         """Normal equations of the force that a model lacks."""
@@ -153,7 +176,8 @@ class Search:
                 if row is not None:
                     joined = self.weighed(Model(row.fit, (*now.causes, *row.names)))
                     now = self.opened(self.pruned(joined))
-                    if frozenset(now.causes) == key:
+                    # What the force shows clearly may be hidden in free runs by another cause.
+                    if frozenset(now.causes) == key and row.evidence > STRONG:
                         now = self.together(joined) or now
                 # Nothing joins, or what did is not there beside the others.
                 if now.causes and frozenset(now.causes) == key:
@@ -190,9 +214,11 @@ class Search:
         if not starts:
             return now
         fits = self.problem.parallel(
-            lambda start: begun(self.problem, start, (*free, *more), now.fit), starts
+            lambda start: begun(self.problem, start, (*free, *more), now.fit, FEW), starts
         )
-        fit = min(fits, key=cost_of)
+        fit = min(fits, key=lambda one: one.cost - AHEAD * one.promised)
+        if fit.cost - AHEAD * fit.promised < now.fit.cost:
+            fit = maximise(fit.problem, fit.z, SOME, self.problem.until, again=True)
         return replace(now, fit=fit) if evidence(now.fit, fit) > 0.0 else now
 
     def refound(self, now: Model) -> Model | None:
@@ -234,10 +260,12 @@ class Search:
         top = max(r.evidence for r in good)
         return min((r for r in good if r.evidence > top - EQUAL), key=_assumptions)
 
-    def round(self, now: Model, other: Solution | None = None) -> list[Row]:
+    def round(
+        self, now: Model, other: Solution | None = None, among: Collection[str] = ()
+    ) -> list[Row]:
         """Proposals beside a model, fitted; none where nothing is left to explain.
 
-        `other`: another explanation.
+        `other`: another explanation; `among`: the effects that are proposed, all if empty.
         """
         if self.problem.spent(now.fit):
             return []
@@ -247,21 +275,25 @@ class Search:
                 return self._rounds[key][1]
         grams = self._grams(now)
         looks = Looks(self.problem, now.fit, self.odds, self._fail)
-        looks.fit(self._proposals(now, grams))
+        looks.fit(_about(among, self._proposals(now, grams)))
         # Shapes with a memory take passes of the filter: they are tried where friction builds up
-        # after reversals and no explanation leaves nothing; in the place of another cause, only
-        # where that is the first thing to be seen.
+        # after reversals and no explanation leaves nothing; beside or in the place of another
+        # cause, only where that is the first thing to be seen.
         fits = [now.fit, *(r.fit for r in looks.good), *([] if other is None else [other])]
-        last = MOST if other is None else 1
-        if all(self.problem.left(fit) >= LEAST for fit in fits) and (
-            any(gram.after_reversal < last for gram in grams)
-            or (grams and self._by_force(now.fit, now.causes).after_reversal < last)
+        last = MOST if other is None and not looks.good else 1
+        wanted = not among or any(effect_class(n).remembers for n in among)
+        if (
+            wanted
+            and all(self.problem.left(fit) >= LEAST for fit in fits)
+            and self._after_reversal(now, grams) < last
         ):
             for gram in grams:
                 gram.simulate()
-            looks.fit(self._proposals(now, grams))
+            looks.fit(_about(among, self._proposals(now, grams)))
             self._spared_rounds.discard(key)
         elif other is not None:
+            self._spared_rounds.add(key)
+        if among:
             self._spared_rounds.add(key)
         if self.view is not None:
             looks.translate(self.view)
@@ -271,6 +303,13 @@ class Search:
             self.first = self.first | gains
         self._rounds[key] = now.fit, rows
         return rows
+
+    def _after_reversal(self, now: Model, grams: Sequence[Gram]) -> int:
+        """Place at which friction after reversals joins a model: first 0, MOST if it does not."""
+        places = [gram.after_reversal for gram in grams if gram.fit is now.fit]
+        if grams and not any(effect_class(n).remembers for n in now.causes):
+            places.append(self._by_force(now.fit, now.causes).after_reversal)
+        return min(places, default=MOST)
 
     def _grams(self, now: Model) -> list[Gram]:
         """Normal equations beside the model, and with its base at nominal if that has moved."""
@@ -305,7 +344,7 @@ class Search:
             some = sorted(proposals, key=lambda p: p.cost)[:count]
             some += sorted(proposals, key=lambda p: -p.predicted)[: PROPOSALS // 2]
             chosen += map(_start_of, proposals if every else some)
-        return [best[key] for key in dict.fromkeys(chosen)]
+        return _likeliest_shapes([best[key] for key in dict.fromkeys(chosen)])
 
     def _addable(self, now: Model) -> list[str]:
         """Effects that may be added to a model."""
@@ -399,6 +438,7 @@ class Search:
 
         `free_runs`: also those that free runs do not show.
         """
+        now = self._sound(now)
         while (now := self.weighed(now)).less:
             worth, less = now.worth, now.less
             worst = min(worth, key=worth.__getitem__)
@@ -406,15 +446,21 @@ class Search:
             most = max((w for w in worth.values() if math.isfinite(w)), default=0.0)
             alone = max(STRONG, OUTSTANDING * most)
             for name in now.causes:
-                if unsound(self.problem, now.fit, name, now.own(name)):
-                    lost.append(name)
-                elif not free_runs or worth[name] >= alone:
-                    continue
-                elif not self._seen(less[name].fit, now.fit):
+                if free_runs and worth[name] < alone and not self._seen(less[name].fit, now.fit):
                     lost.append(name)
             if not lost:
                 return now
-            now = less[lost[0]]
+            now = self._sound(less[lost[0]])
+        return now
+
+    def _sound(self, now: Model) -> Model:
+        """The model without causes that are none: those cost a pass each to see, no fit."""
+        while now.causes and not self.problem.late:
+            lost = (n for n in now.causes if unsound(self.problem, now.fit, n, now.own(n)))
+            name = next(lost, None)
+            if name is None:
+                break
+            now = now.less[name] if name in now.less else self.without(now, name)
         return now
 
     def _seen(self, less: Solution, more: Solution) -> bool:
@@ -443,7 +489,8 @@ class Search:
                 return self.pruned(other)
         for name in sorted(now.worth, key=now.worth.__getitem__)[:EXCHANGED]:
             less = now.less[name]
-            for row in self.round(less, now.fit):
+            rivals = self._rivals(less, name)
+            for row in self.round(less, now.fit, rivals) if rivals else ():
                 causes = (*less.causes, *row.names)
                 same = {*causes} == {*now.causes} or len(causes) > MOST
                 if same or row.reason or self.over(Model(row.fit, causes), now) < least:
@@ -452,6 +499,28 @@ class Search:
                 if {*other.causes} != {*now.causes} and self.over(other, now) > 0.5 * EQUAL:
                     return other
         return now
+
+    def _rivals(self, less: Model, name: str) -> set[str]:
+        """Effects that leave about as little of the force as a cause does in its place.
+
+        Those with a memory leave nothing where friction after reversals does.
+        """
+        gram = self._by_force(less.fit, less.causes)
+        left = gram.squares_left(any(effect_class(n).remembers for n in less.causes))
+        remembers = effect_class(name).remembers
+        mine = left.get(REVERSAL if remembers else name, math.inf)
+        found = _doing_as_much(left, mine)
+        if remembers or REVERSAL in found:
+            found |= {n for n in gram.names if effect_class(n).remembers}
+        return found - {name, REVERSAL}
+
+    def rivals_of_base(self, found: Solution) -> set[str]:
+        """Effects that leave as little of the force as another base does, beside a nominal one."""
+        problem = self.problem
+        nominal = problem.fit(problem.believed, noises=noises_of(problem.nominal_fit), turns=0)
+        left = self._by_force(nominal).squares_left()
+        mine = ForceView(problem, found.axis).squares
+        return _doing_as_much(left, mine) - {REVERSAL}
 
     def over(self, one: Model, other: Model) -> float:
         """Evidence for a model over another, net of the causes of both."""
@@ -472,6 +541,28 @@ class Search:
                 and r.fit.cost < now.fit.cost + EQUAL and len(r.free) <= count + 1
             }  # fmt: skip
         return found
+
+
+def _doing_as_much(left: dict[str, float], mine: float) -> set[str]:
+    """Effects that explain most of what one does and leave about as little of the force."""
+    whole = left.pop("")
+    enough = min(_AS_LITTLE * mine, whole - _AS_MUCH * (whole - mine))
+    return {name for name, one in left.items() if one <= enough}
+
+
+def _likeliest_shapes(some: list[Proposal]) -> list[Proposal]:
+    """Proposals, of each form of a shape with a memory that at the likelier random force."""
+    best = dict[tuple[frozenset[str], frozenset[str]], Proposal]()
+    for one in (one for one in some if one.remembers):
+        key = frozenset(one.names), frozenset(one.free)
+        best[key] = min(one, best.get(key, one), key=lambda p: p.cost)
+    kept = {id(p) for p in best.values()}
+    return [one for one in some if not one.remembers or id(one) in kept]
+
+
+def _about(among: Collection[str], some: list[Proposal]) -> list[Proposal]:
+    """Proposals of some effects alone; all if none are named."""
+    return [one for one in some if not among or {*one.names} <= {*among}]
 
 
 def _start_of(one: Proposal) -> _Start:

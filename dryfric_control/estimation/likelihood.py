@@ -48,7 +48,9 @@ IndexArray = NDArray[np.intp]
 BASE = ("mass", "viscous", "coulomb")
 #: Prior standard deviation of a base parameter's logarithm: a factor of 2 is two standard
 #: deviations.  MOST is the largest factor by which a mass may be off.
-BOLD, MOST = 0.5 * math.log(2.0), 4.0
+BOLD = 0.5 * math.log(2.0)
+MOST = 4.0
+LIGHTEST = 30.0
 # Fraction of a nominal value below which the prior changes from logarithmic to linear, as
 # values may be zero.
 _OFFSET = 0.1
@@ -253,7 +255,8 @@ class Likelihood:
             if p.name == "mass" and j in self.beliefs:
                 value, spread, _ = self.beliefs[j]
                 most = max(MOST, math.exp(min(4.0 * spread, 6.0)))
-                self.low[j], self.high[j] = (p.search(value * f) for f in (1.0 / most, most))
+                least = 1.0 / max(most, LIGHTEST)
+                self.low[j], self.high[j] = (p.search(value * f) for f in (least, most))
         # Parameters that do not act as a force on the mass of a sliding axis.
         effects = named(axis)
         self.late = {

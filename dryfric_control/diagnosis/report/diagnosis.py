@@ -25,7 +25,7 @@ from dryfric_control.diagnosis.report.findings import (
     believed_values,
 )
 from dryfric_control.diagnosis.report.page import html_page, html_summary
-from dryfric_control.diagnosis.report.wording import level_table, summary_lines
+from dryfric_control.diagnosis.report.wording import brief_lines, level_table, summary_lines
 from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.records.record import Record
 from dryfric_control.result_table import Cell, Quantity, formatted
@@ -65,6 +65,13 @@ class Diagnosis(Saved, Result, Findings):
 
     def _shown(self) -> list[str]:
         return summary_lines(self)
+
+    def __repr__(self) -> str:
+        return "\n".join(brief_lines(self))
+
+    def details(self) -> str:
+        """Everything that there is to see, in plain lines: the same as `summary`."""
+        return self.summary()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything found, ready for JSON."""

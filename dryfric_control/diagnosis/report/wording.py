@@ -21,7 +21,7 @@ from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, titles_of
-from dryfric_control.text import length_text, percent, rotary_words
+from dryfric_control.text import WIDTH, length_text, percent, rotary_words
 
 # What separates a gain of the drive from base parameters that are all wrong.
 _BY_A_FORCE = (
@@ -31,6 +31,11 @@ _BY_A_FORCE = (
 
 # Relative change of a base parameter that is reported although no cause names it.
 _MOVED = 0.01
+# Factor by which a nominal value is off that is said in the first lines.
+_FAR_OFF = 2.0
+# Most causes, and most warnings, of the brief answer.
+_BRIEF_CAUSES = 3
+_BRIEF_WARNINGS = 1
 #: Directions of motion in words.
 WAYS = ((1, "forwards"), (-1, "backwards"))
 
@@ -233,6 +238,7 @@ def summary_lines(d: Findings) -> list[str]:
     """Lines of a diagnosis' summary, as long as they are."""
     of = f" (of {records_text(d)})" if d.others else ""
     lines = [f"verdict: {d.verdict if d.causes else headline(d)}{of}"]
+    lines += [f"warning: {one}" for one in far_off(d)]
     for i, cause in enumerate(d.main_causes, start=1):
         lines.append(f"{i}. {cause_text(cause, d.axis)}")
         lines += [f"    {line}" for line in meaning(d, cause)]
@@ -249,6 +255,39 @@ def summary_lines(d: Findings) -> list[str]:
     if d.next_experiment is not None:
         lines.append(f"next experiment: {d.next_experiment.summary()}")
     return [rotary_words(line, d.axis.units[1]) for line in lines]
+
+
+def brief_lines(d: Findings) -> list[str]:
+    """Verdict, causes with amounts, error before and after, and what to check: eight lines."""
+    of = f" (of {records_text(d)})" if d.others else ""
+    lines = [f"verdict: {d.verdict if d.causes else headline(d)}{of}"]
+    lines += [f"warning: {one}" for one in far_off(d)][:_BRIEF_WARNINGS]
+    for i, cause in enumerate(d.main_causes[:_BRIEF_CAUSES], start=1):
+        lines.append(f"{i}. {cause_text(cause, d.axis)}")
+    more = len(d.causes) - min(len(d.main_causes), _BRIEF_CAUSES)
+    if more > 0:
+        lines.append(f"and {more} more causes or small corrections")
+    lines.append(f"{gain_title(d)}: {gain_text(d)}")
+    if d.messages:
+        count = len(d.messages)
+        lines.append(f"{count} warning{'s' if count > 1 else ''}: see print(d.details())")
+    return [_cut(rotary_words(line, d.axis.units[1])) for line in lines]
+
+
+def far_off(d: Findings) -> list[str]:
+    """Nominal values of the base that have moved more than twofold, in words."""
+    found = []
+    pairs = zip(BASE, values_of(d.axis, BASE), values_of(d.extended, BASE), strict=True)
+    for name, before, after in pairs:
+        if before > 0.0 and not 1.0 / _FAR_OFF < after / before < _FAR_OFF:
+            factor = f"{after / before:.2g} times" if after > 0.0 else "zero instead of"
+            found.append(f"{name} is {factor} its nominal value {before:.4g}")
+    return found
+
+
+def _cut(line: str) -> str:
+    """A line that fits in one, its end replaced by dots where it does not."""
+    return line if len(line) <= WIDTH else f"{line[: WIDTH - 3]}..."
 
 
 def further_lines(d: Findings) -> list[str]:

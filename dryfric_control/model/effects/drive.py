@@ -17,8 +17,10 @@ from dryfric_control.model.effects.effect import BaseAxis, Effect, Inner, parame
 _PEAKS = 2.0
 # Delays and lags tried, in samples.
 _LATE = (0.5, 1, 2, 4, 8, 16)
-# Part of the samples that may exceed a limit.
+# Part of the samples beyond which a limit takes the drive away, and the random forces that it must
+# then exceed.
 _NEARLY_ALL = 0.9
+_CLEARLY = 10.0
 
 
 @register_effect
@@ -218,10 +220,12 @@ class Saturation(Effect):
         return min(max(u, -p[0]), p[0])
 
     def beyond_noise(self, u: Floats, noise: float) -> bool:
-        # Peaks of a noisy input are cut as if by a limit; what nearly every sample exceeds
-        # is none, it takes the drive away.
+        # Peaks of a noisy input are cut as if by a limit; what nearly every sample exceeds takes
+        # the drive away, unless what is left of it is far more than the random force.
         cut = np.abs(u)[np.abs(u) > self.limit] - self.limit
-        if not 0 < cut.size < _NEARLY_ALL * u.size:
+        if cut.size >= _NEARLY_ALL * u.size:
+            return self.limit > _CLEARLY * noise
+        if not cut.size:
             return False
         return bool(np.sqrt(np.mean(cut**2)) > _PEAKS * noise)
 

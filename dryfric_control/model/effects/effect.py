@@ -44,13 +44,13 @@ _METHODS = {
 
 #: What a parameter is, and the range in which a diagnosis searches it if that is
 #: narrower than its bounds: a load next to nothing is an elastic contact, and a
-#: drive later than 0.1 s is no drive for a position loop.
+#: drive later than 1 s is no drive for a position loop.
 KINDS: dict[str, tuple[float, float]] = {
     "amount": (-math.inf, math.inf),
     "place": (-math.inf, math.inf),
     "angle": (-math.inf, math.inf),
     "share": (0.05, 0.95),
-    "time": (0.0, 0.1),
+    "time": (0.0, 1.0),
     "speed": (-math.inf, math.inf),
 }
 

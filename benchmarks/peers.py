@@ -174,7 +174,7 @@ def control_alone(record: dfc.Record) -> Found:
         )
         return np.asarray(run.outputs[0] - record.x[:n])
 
-    found = least_squares(errors, np.ones(3), x_scale=0.1, diff_step=1e-3, max_nfev=30)
+    found = least_squares(errors, np.ones(3), x_scale=0.1, diff_step=1e-3, max_nfev=12)
     covariance = np.linalg.inv(found.jac.T @ found.jac) * 2.0 * found.cost / found.fun.size
     return Found(found.x * START, np.sqrt(np.diag(covariance)) * START)
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from peers import SLIDE, STIFF, mujoco
 from scipy.integrate import ode, solve_ivp
 from scipy.optimize import brentq
+from simulation_peers import SLIDE, STIFF, mujoco
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ from pathlib import Path
 
 import control as ct
 import numpy as np
-import peers
 import pictures
 import servo_peers
+import simulation_peers as peers
 
 import dryfric_control as dfc
 

@@ -3,6 +3,7 @@
 import sys
 
 from dryfric_control import datasets as datasets
+from dryfric_control import drawing as drawing
 from dryfric_control import observer as observer
 from dryfric_control import presets as presets
 from dryfric_control import simulators as simulators
@@ -19,6 +20,7 @@ from dryfric_control.export import export_c as export_c
 from dryfric_control.export import export_fmu as export_fmu
 from dryfric_control.identification import Fit as Fit
 from dryfric_control.identification import FitWarning as FitWarning
+from dryfric_control.identification import axis_from as axis_from
 from dryfric_control.identification import fit as fit
 from dryfric_control.identification import identify_coulomb as identify_coulomb
 from dryfric_control.identification import identify_stribeck as identify_stribeck
@@ -40,6 +42,7 @@ from dryfric_control.model.loops import PositionController as PositionController
 from dryfric_control.model.loops import simulate_loop as simulate_loop
 from dryfric_control.model.profiles import MotionProfile as MotionProfile
 from dryfric_control.model.profiles import motion_profile as motion_profile
+from dryfric_control.model.sampled import sampled as sampled
 from dryfric_control.model.state_machine import plot_state_machine as plot_state_machine
 from dryfric_control.observer import CertificateError as CertificateError
 from dryfric_control.observer import ObserverDesign as ObserverDesign
@@ -67,7 +70,16 @@ load_design = ObserverDesign.load
 # Every name above is public: `X as X` says so to type checkers, and here it is said to `dir`, but
 # for those that are listed where they are at home: in `simulators`, or as a method of their class.
 _AT_HOME = ("load_design", "to_modelica", "to_simscape", "to_urdf")
-__all__ = ["__version__", "datasets", "effects", "laws", "observer", "presets", "simulators"]
+__all__ = [
+    "__version__",
+    "datasets",
+    "drawing",
+    "effects",
+    "laws",
+    "observer",
+    "presets",
+    "simulators",
+]
 __all__ += [
     name for name, one in globals().items() if hasattr(one, "__qualname__") and name not in _AT_HOME
 ]

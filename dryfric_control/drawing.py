@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import control as ct
@@ -11,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dryfric_control.checks import string
+from dryfric_control.checks import positive, string
 from dryfric_control.text import rotary_words, typeset
 
 #: Grey of measured dots and lines.
@@ -28,6 +30,29 @@ _START = 0.1
 _LETTER, _SMALL_LETTER, _HANDLE, _FONT = 6.5, 4.6, 32.0, 10.0
 # Height of a legend of one row [pt], and its most columns.
 _LEGEND, _MOST_COLUMNS = 20.0, 6
+
+# Widths of one and of two columns of a journal [in], and the font size of its captions [pt].
+_COLUMN = 3.5
+_TWO_COLUMNS = 7.16
+_CAPTION = 8.0
+# Height of a figure over its width, where a plot does not ask for another.
+_SHAPE = 0.62
+# Least height of one panel, its legend included, and of the axis below [in].
+_PANEL = 1.15
+_BELOW = 0.45
+_JOURNAL: dict[str, Any] = {
+    "savefig.dpi": 600.0,
+    "font.size": _CAPTION,
+    "axes.titlesize": _CAPTION,
+    "axes.labelsize": _CAPTION,
+    "axes.linewidth": 0.6,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3.0,
+    "pdf.fonttype": 42,
+    "ps.fonttype": 42,
+}
+# Width that new figures are to have for a journal [in], None for their own.
+_journal_width: ContextVar[float | None] = ContextVar("journal_width", default=None)
 
 
 class PanelPlot(ct.ControlPlot):
@@ -53,8 +78,17 @@ def axes_of(ax: Any, rows: int, title: str | None = None, **options: Any) -> NDA
     if title is not None:
         string("title", title)
     if ax is None:
-        settings = {"sharex": True, "figsize": (7.0, 1.2 + 1.6 * rows), "layout": "constrained"}
-        _, made = plt.subplots(rows, 1, squeeze=False, **(settings | options))
+        settings: dict[str, Any] = {
+            "sharex": True,
+            "figsize": (7.0, 1.2 + 1.6 * rows),
+            "layout": "constrained",
+        }
+        settings |= options
+        if (width := _journal_width.get()) is not None:
+            own_width, own_height = settings["figsize"]
+            height = max(own_height * width / own_width, _BELOW + _PANEL * rows)
+            settings["figsize"] = width, height
+        _, made = plt.subplots(rows, 1, squeeze=False, **settings)
         return np.asarray(made).ravel()
     given = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
     if given.size != rows:
@@ -183,6 +217,8 @@ def _columns(widths: Sequence[float], room: float) -> int:
 
 def title_above(ax: Any, title: str) -> None:
     """Put a title at the left, above the legend if both do not fit in one line."""
+    if _journal_width.get() is not None:
+        return
     legend = ax.get_legend()
     needed, rows = _LETTER * len(title), 1
     names = [] if legend is None else [text.get_text() for text in legend.get_texts()]
@@ -192,3 +228,47 @@ def title_above(ax: Any, title: str) -> None:
     room = 72.0 * ax.bbox.width / ax.figure.dpi
     above = bool(names) and (needed > room or rows > 1)
     ax.set_title(title, loc="left", pad=_LEGEND * (0.3 + 0.7 * rows) if above else None)
+
+
+@contextmanager
+def journal(columns: int = 1, width: float | None = None) -> Iterator[None]:
+    """Style of figures for a journal, in a ``with`` statement around `plot`.
+
+    Within it a new figure has the width of a column and fonts of the size of a caption, embedded
+    as TrueType, and no title, whose place is the caption.  The report of a diagnosis keeps its
+    size.
+
+    Parameters
+    ----------
+    columns : {1, 2}, optional
+        Columns that the figure spans: 3.5 or 7.16 inches, as the IEEE has them.
+    width : float, optional
+        Another width [in].
+
+    Returns
+    -------
+    context manager
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> with dfc.drawing.journal():
+    ...     figure = axis.plot_friction().figure
+    >>> float(figure.get_figwidth())
+    3.5
+    """
+    if columns not in (1, 2):
+        raise ValueError(f"columns must be 1 or 2, got {columns!r}")
+    inches = _COLUMN if columns == 1 else _TWO_COLUMNS
+    if width is not None:
+        inches = positive("width", width, unit="in")
+    small, styles = _CAPTION - 1.0, dict(_JOURNAL)
+    styles |= {"figure.figsize": (inches, _SHAPE * inches), "legend.fontsize": small}
+    styles |= {"xtick.labelsize": small, "ytick.labelsize": small}
+    before = _journal_width.set(inches)
+    try:
+        with plt.rc_context(styles):
+            yield
+    finally:
+        _journal_width.reset(before)

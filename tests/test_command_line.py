@@ -114,8 +114,7 @@ def test_the_axis_file_says_how_records_are_sampled(run, tmp_path):
         (AXIS + "[record]\ndt = 0.0\n", "axis.toml: record.dt must be more than zero"),
         (AXIS + '[record]\nmax_gap = "5 ms"\n', "axis.toml: record.max_gap must be a number"),
         (AXIS + "[record]\nmax_gpa = 0.02\n", "record.max_gpa is not known. Did you mean 'max_gap'?"),
-        ("inertia = 0.02\nviscous = 0.1\ncoulomb = 0.5\n",
-         'write mass = 0.02, the inertia with units = ["rad", "N m"]'),
+        ("mass = 2.0\ninertia = 0.02\nviscous = 0.1\ncoulomb = 0.5\n", "are the same argument"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_in_an_axis_file_is_told(run, tmp_path, capsys, text, words):

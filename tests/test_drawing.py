@@ -187,3 +187,23 @@ def test_plain_data_is_what_json_takes_and_levels_come_as_arrays():
     assert plain_data(value) == {"a": None, "b": [2, [1.0, None]], "c": "text"}
     assert AXIS.replace(coulomb=np.array([8.0, 7.0])).coulomb == dfc.CoulombMap(8.0, 7.0)
     assert AXIS.replace(coulomb=np.array(8.0)).coulomb == dfc.CoulombMap(8.0)
+
+
+def test_a_figure_for_a_journal_has_its_width_and_nothing_is_cut_off(plots):
+    own = plt.rcParams["font.size"]
+    for columns, width in ((1, 3.5), (2, 7.16)):
+        with dfc.drawing.journal(columns):
+            drawn = [plots[name]() for name in ("record", "response", "replay", "levels")]
+            for one in drawn:
+                one.figure.canvas.draw()
+                edge = one.figure.get_tightbbox()
+                # Within the page, to a hundredth of an inch; the fonts are those of a caption.
+                assert edge.x0 > -0.01 and edge.x1 < width + 0.01
+                assert one.figure.get_figwidth() == width
+                for ax in one.axes.ravel():
+                    assert ax.xaxis.label.get_size() == 8.0 and not ax.get_title("left")
+                    assert ax.bbox.height > 0.4 * one.figure.dpi
+                plt.close(one.figure)
+    assert plt.rcParams["font.size"] == own
+    with pytest.raises(ValueError, match="columns must be 1 or 2"), dfc.drawing.journal(3):
+        pass

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from dryfric_control.checks import instance, warn
+from dryfric_control.checks import warn
 from dryfric_control.model.axis import FrictionAxis, elastic_rates
 from dryfric_control.records.data_check import energy_message
+from dryfric_control.records.read import as_record
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_warning import RecordWarning
 
@@ -44,13 +45,17 @@ def warn_if_implausible(axis: FrictionAxis, record: Record) -> None:
 
 
 def checked_records(records: Any, name: str = "record") -> tuple[Record, ...]:
-    """One record or a list of several, as a tuple; one that stands twice would count double."""
+    """One record or a list of several, as a tuple; one that stands twice would count double.
+
+    A path is the record in its file.
+    """
     several = isinstance(records, (list, tuple))
-    found = tuple(records) if several else (records,)
-    if not found:
+    given = tuple(records) if several else (records,)
+    if not given:
         raise ValueError(f"{name}: the list of records is empty: give at least one Record")
-    for i, one in enumerate(found):
-        instance(f"{name}[{i}]" if several else name, one, Record, "see dfc.read_record")
+    found = tuple(
+        as_record(one, f"{name}[{i}]" if several else name) for i, one in enumerate(given)
+    )
     for (i, one), (j, other) in combinations(enumerate(found), 2):
         if np.array_equal(one.x, other.x) and np.array_equal(one.u, other.u):
             raise ValueError(

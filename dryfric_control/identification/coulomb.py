@@ -19,6 +19,7 @@ from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.friction_curve import net_force
+from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, percent, plain_data
 from dryfric_control.ties import NEAR
@@ -88,6 +89,27 @@ class CoulombIdentification(Result, CoulombMap):
         if self.viscous is not None:
             found = f"viscous {self.viscous:.4g} {force} s/{length}, mass {self.mass:.4g}"
             yield f"also found: {found}"
+        if warning := self._negative_level():
+            yield f"warning: {warning}"
+
+    def _negative_level(self) -> str:
+        """What a level below zero means; empty where there is none."""
+        length, force = self.units
+        places = np.linspace(*self.travel, 101)
+        plus, minus = self(places, 1), self(places, -1)
+        lower = np.minimum(plus, minus)
+        at = int(np.argmin(lower))
+        if lower[at] >= 0.0:
+            return ""
+        way, beside = _WAYS[1 if plus[at] < minus[at] else -1], 0.5 * (plus - minus)
+        return (
+            f"the level in {way} direction is {lower[at]:.3g} {force} at x = {places[at]:.3g} "
+            f"{length}, and friction is never negative: a force acts beside it, such as a weight, "
+            "a spring or a bias. Half of the difference of the directions, "
+            f"{beside.min():.3g} to {beside.max():.3g} {force} over the travel, is that force if "
+            "friction is the same both ways. Give axis= with it as an effect (dfc.effects.Gravity, "
+            "Spring, BiasForce), or diagnose(axis, record)"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers of the result, ready for JSON."""
@@ -115,13 +137,13 @@ class CoulombIdentification(Result, CoulombMap):
 
 
 def identify_coulomb(
-    record: Record, degree: int | None = None, axis: FrictionAxis | None = None
+    record: RecordLike, degree: int | None = None, axis: FrictionAxis | None = None
 ) -> CoulombIdentification:
     """Coulomb level over position, per direction, from a crawl.
 
     Parameters
     ----------
-    record : Record
+    record : Record or path-like
         A slow ramp over the travel and back, see `slow_ramp_experiment`.
     degree : int, optional
         Degree of the polynomials.  Default: per direction the smallest whose error on held-out
@@ -140,7 +162,8 @@ def identify_coulomb(
     -----
     FitWarning
         When a level rests on a few slips only, on nearly one velocity (motion slower than 0.6 of
-        the typical one is left out), or on velocities that may lie within a Stribeck peak.
+        the typical one is left out), or on velocities that may lie within a Stribeck peak; when one
+        is negative somewhere, which shows a force beside friction, such as a weight.
 
     Notes
     -----
@@ -170,7 +193,7 @@ def identify_coulomb(
         raise ValueError(
             f"degree must be a whole number from 0 to {crawl.HIGHEST}, or None, got {degree!r}"
         )
-    instance("record", record, Record)
+    record = as_record(record)
     if axis is not None:
         instance("axis", axis, FrictionAxis)
         check_units(axis, record)
@@ -230,7 +253,7 @@ def identify_coulomb(
     found = [Legendre(fits[s].coefficients, travel).convert(kind=Polynomial) for s in _WAYS]
     plus, minus = (tuple(one.coef.tolist()) for one in found)
     units = record.units.get("x", "m"), record.units.get("u", "N")
-    return CoulombIdentification(
+    result = CoulombIdentification(
         plus,
         minus,
         degrees=(fits[1].coefficients.size - 1, fits[-1].coefficients.size - 1),
@@ -242,6 +265,9 @@ def identify_coulomb(
         units=units if axis is None else axis.units,
         _fits=fits,
     )
+    if warning := result._negative_level():
+        warn(warning, FitWarning)
+    return result
 
 
 def _tell(pieces: crawl.Pieces, record: Record, what: str) -> None:

@@ -33,7 +33,9 @@ from dryfric_control.identification.identifiability import cannot_tell
 from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction_curve import draw_curve
+from dryfric_control.records.read import RecordLike
 from dryfric_control.records.record import Record
+from dryfric_control.result_table import Quantity, formatted
 from dryfric_control.store.saved import Saved
 from dryfric_control.text import (
     Result,
@@ -217,6 +219,21 @@ class Fit(Saved, Result):
             yield f"noise of the readings: {length_text(noise, unit)} RMS; random force: {random}"
         yield from (f"warning: {message}" for message in self.messages)
 
+    def table(self, form: str = "markdown") -> str:
+        """Parameters with standard errors and 90 % intervals as a table.
+
+        Parameters
+        ----------
+        form : {"markdown", "latex", "csv"}, optional
+            "latex" needs the packages booktabs and siunitx, "csv" has all digits.
+        """
+        ends, rows = self.interval(0.9), []
+        for name, value in self.parameters.items():
+            unit = self.units[name]
+            low, high = (Quantity(end, None, unit) for end in ends[name])
+            rows.append((name, Quantity(value, self.standard_errors[name], unit), low, high))
+        return formatted(("parameter", "value", "90 % from", "to"), rows, form)
+
     def to_dict(self) -> dict[str, Any]:
         """Numbers of the fit, ready for JSON."""
         numbers = {name: value for name, value in fields_of(self).items() if name != "axis"}
@@ -255,7 +272,7 @@ class Fit(Saved, Result):
 
 def fit(
     axis: FrictionAxis,
-    record: Record | Sequence[Record],
+    record: RecordLike | Sequence[RecordLike],
     free: Sequence[str] = ("mass", "viscous", "coulomb"),
     *,
     known: Sequence[str] = (),
@@ -274,8 +291,8 @@ def fit(
     ----------
     axis : FrictionAxis
         The nominal axis: start of the search, and values of what is not free.
-    record : Record or sequence of Record
-        Measured runs, all of the same axis.
+    record : Record or path-like, or a sequence of them
+        Measured runs, all of the same axis; a path is read by `read_record`.
     free : sequence of str, optional
         What to fit: mass, viscous, coulomb (both directions alike), coulomb_plus, coulomb_minus,
         coulomb_map (all coefficients of both polynomials), stribeck (excess and speed),

@@ -14,6 +14,7 @@ from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.model.responses import SimulationResponse
+from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
 from dryfric_control.records.resolution import QUANTA
 from dryfric_control.text import Result, length_text, prefixed
@@ -96,7 +97,7 @@ def _draw_error(ax: Any, t: Any, error: Any, unit: str) -> None:
 
 def replay(
     axis: FrictionAxis,
-    record: Record,
+    record: RecordLike,
     window: float = 0.25,
     hold: str = "zero",
     *,
@@ -108,7 +109,7 @@ def replay(
     ----------
     axis : FrictionAxis
         The axis.
-    record : Record
+    record : Record or path-like
         The record: its input drives the runs, its position judges them.
     window : float, optional
         Length of a window [s].
@@ -137,6 +138,7 @@ def replay(
     instance("axis", axis, FrictionAxis)
     shift = finite("shift", shift, unit="s")
     _one(record, "dfc.replay(axis, one)")
+    record = as_record(record)
     windows = cut(record, window, hold)
     check_units(axis, record)
     positions = windows.run(axis, shift)

@@ -18,6 +18,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import Stribeck
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.records.motion import directions
+from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, fields_of, plain_data
 from dryfric_control.ties import NEAR, above
@@ -162,7 +163,7 @@ def ripple(record: Record) -> Ripple | None:
 
 def identify_stribeck(
     axis: FrictionAxis,
-    record: Record,
+    record: RecordLike,
     controller: PositionController | None = None,
     *,
     free: Sequence[str] = ("stribeck", "stick_speed", "coulomb_map"),
@@ -176,7 +177,7 @@ def identify_stribeck(
     ----------
     axis : FrictionAxis
         The axis with its Coulomb levels, see `identify_coulomb`.
-    record : Record
+    record : Record or path-like
         A crawl in which the axis sticks and slips.
     controller : PositionController, optional
         The loop that ran, to replay the ripple with the model.
@@ -213,7 +214,7 @@ def identify_stribeck(
     (0.3, 0.01)
     """
     instance("axis", axis, FrictionAxis)
-    instance("record", record, Record)
+    record = as_record(record)
     check_units(axis, record)
     if not isinstance(free, Sequence):
         raise ValueError(f"free must hold names such as 'mass', got {free!r}")

@@ -17,6 +17,7 @@ from dryfric_control.arrays import Floats, Ints
 from dryfric_control.checks import finite, instance, one_of, places, positive, samples, string
 from dryfric_control.compiled import axis_step, elastic
 from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
+from dryfric_control.model.axis_arguments import with_inertia, with_mass
 from dryfric_control.model.block import Block
 from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.effect import WITH_STATE, Inner, law_address
@@ -95,6 +96,7 @@ class Law(Protocol):
         """Position, velocity, friction and direction of motion, each of shape (n,)."""
 
 
+@with_inertia
 @dataclass(frozen=True)
 class FrictionAxis:
     """One axis with dry friction: a hybrid model of three modes.
@@ -102,7 +104,8 @@ class FrictionAxis:
     Parameters
     ----------
     mass : float
-        Mass [kg], or inertia [kg m^2] of a rotary axis.
+        Mass [kg].  A rotary axis takes ``inertia=`` [kg m^2] instead; its units are then
+        ("rad", "N m") by default.
     viscous : float
         Viscous coefficient f [N s/m].
     coulomb : float, tuple of float, or CoulombMap
@@ -152,6 +155,11 @@ class FrictionAxis:
     >>> resp = axis.simulate([0.0] * 1001, dt=1e-3, v0=1.0)
     >>> round(float(resp.y[0, -1]), 9)
     0.25
+
+    A rotary axis:
+
+    >>> dfc.FrictionAxis(inertia=0.02, viscous=0.1, coulomb=0.5).units
+    ('rad', 'N m')
     """
 
     mass: float
@@ -208,7 +216,12 @@ class FrictionAxis:
         ----------
         **changes
         """
-        return replace(self, **changes)
+        return replace(self, **with_mass(changes, self.units))
+
+    @property
+    def inertia(self) -> float:
+        """The mass, as a rotary axis calls it [kg m^2]."""
+        return self.mass
 
     def effective(self) -> FrictionAxis:
         """Axis with its effective base parameters.

@@ -26,6 +26,9 @@ from dryfric_control.order import check_bandwidth_and_dt, check_quantum_and_dt
 def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.NonlinearIOSystem:
     """The switched axis as one sampled block.
 
+    A continuous controller connects to it as ``dfc.sampled(controller, dt)``: python-control
+    refuses systems of unlike time bases ("incompatible timebases").
+
     Parameters
     ----------
     axis : FrictionAxis

@@ -1,6 +1,7 @@
 """Friction laws to compare the switched axis with, each in its published form (bibliography).
 
-scipy integrates them, a piece of linear input at a time, some thousand times slower.
+Laws that switch are integrated by scipy, a piece of linear input at a time, some thousand times
+slower than the axis; smooth ones by compiled code.
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numba import njit
@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, one_of, positive, samples
-from dryfric_control.compiled import axis_step
+from dryfric_control.compiled import axis_step, smooth_law
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.text import stated, with_parameters
 
@@ -28,8 +28,6 @@ _STRAIGHT = 4 * np.finfo(float).eps
 #: A piece shorter than this fraction of a sample is merged with the next one: in a shorter
 #: one the force that starts a motion is lost in round-off.
 _SHORTEST = 1e-9
-#: Step of the differences of a Jacobian, relative.
-_NUDGE = 1e-6
 #: Successive switches at one instant at most.
 _MOST_SWITCHES = 64
 
@@ -54,7 +52,10 @@ class _Motion:
     """An axis under a sampled input; times count samples, the drive is linear between kinks."""
 
     def __init__(self, axis: FrictionAxis, u: Floats, dt: float, first: bool) -> None:
-        self.numbers, self.integers, _ = axis.arrays(dt)
+        numbers, self.integers, _ = axis.arrays(dt)
+        # The laws as published have their Stribeck peak at rest, not at the stick velocity.
+        self.numbers, self.stick_speed = numbers.copy(), axis.stick_speed
+        self.numbers[axis_step.STICK_SPEED] = 0.0
         # With one sample more than is shown, each one that is shown begins a piece or lies in one.
         self.dt, self.u = dt, np.append(u, u[-1])
         self.ends = np.append(self.u[1:], u[-1]) if first else self.u
@@ -95,8 +96,9 @@ class Law(ABC):
 
     Notes
     -----
-    Each law takes the axis's level ``Fc(x) (1 + sigma exp(-((|v| - Sigma)/vs)^2))``, other friction
-    effects included, and differs near v = 0. Time at rest counts for `Karnopp` alone. Effects that
+    Each law takes the axis's level ``Fc(x) (1 + sigma exp(-(v/vs)^2))``, other friction effects
+    included, and differs near v = 0. The stick velocity of the axis does not shift the peak, as it
+    does in the switched axis. Time at rest counts for `Karnopp` alone. Effects that
     delay or filter the drive are refused.
 
     Examples
@@ -121,17 +123,6 @@ class Law(ABC):
     @abstractmethod
     def _solve(self, motion: _Motion, level: float, x: float, v: float, out: Floats) -> None:
         """Fill the rows x, v, F, mode of `out`; `level` is the friction at the start."""
-
-    def _integrated(self, rates: Any, begin: float, end: float, y: Floats, **options: Any) -> Any:
-        """Solution by scipy at the samples from `begin` on and at `end`."""
-        times = np.append(np.arange(math.ceil(begin), end), end)
-        run = solve_ivp(
-            rates, (begin, end), y, t_eval=times, rtol=self.tolerance, atol=self.tolerance,
-            first_step=min(1.0, end - begin), **options,
-        )  # fmt: skip
-        if run.status < 0:
-            raise self._failed(begin)
-        return run
 
     def _failed(self, k: float) -> RuntimeError:
         return RuntimeError(
@@ -257,10 +248,14 @@ class _Switched(Law):
 
         outside.terminal, outside.direction = True, -1.0  # type: ignore[attr-defined]
         turning.direction = 1.0  # type: ignore[attr-defined]
-        run = self._integrated(
-            rates, begin, end, np.array([x, v]) / unit, method="DOP853", max_step=motion.longest,
-            events=(outside, turning),
+        run = solve_ivp(
+            rates, (begin, end), np.array([x, v]) / unit, method="DOP853",
+            t_eval=np.append(np.arange(math.ceil(begin), end), end), events=(outside, turning),
+            rtol=self.tolerance, atol=self.tolerance, first_step=min(1.0, end - begin),
+            max_step=motion.longest,
         )  # fmt: skip
+        if run.status < 0:
+            raise self._failed(begin)
         for at, y in zip(run.t_events[1], run.y_events[1], strict=True):
             if at < end and outside(at, y) < 0.0:
                 # The velocity has a minimum in the band between two steps: stop there.
@@ -319,48 +314,23 @@ class _Smooth(Law):
     """A law of the velocity and the deflection of bristles alone."""
 
     @abstractmethod
-    def _width(self, level: float, dt: float) -> float:
-        """Velocity over which the law changes."""
-
-    @abstractmethod
-    def _law(self, level: float, v: float, z: float) -> tuple[float, float]:
-        """Friction, and velocity of the bristles."""
+    def _parameters(self) -> tuple[float, float, float]:
+        """Width of tanh (0: bristles), stiffness and damping of the bristles."""
 
     def _solve(self, motion: _Motion, level: float, x: float, v: float, out: Floats) -> None:
-        width = self._width(level, motion.dt)
+        parameters = np.array(self._parameters())
+        width = parameters[smooth_law.WIDTH]
+        if width == 0.0:
+            width = level / (parameters[smooth_law.STIFFNESS] * motion.dt)
         speed = min(level * motion.push, width)
         unit = np.array([speed * motion.dt, speed, width * motion.dt])
-
-        def friction(k: float, x: float, v: float, z: float) -> tuple[float, float, float]:
-            s = 1.0 if v >= 0.0 else -1.0
-            w, level, _ = motion.forces(k, x, v, s, s)
-            force, rate = self._law(level, v, z)
-            return force, (w - motion.viscous * v - force) * motion.push, rate * motion.dt
-
-        def rates(k: float, y: Floats) -> Floats:
-            x, v, z = (y * unit).tolist()
-            _, dv, dz = friction(k, x, v, z)
-            return np.array([v * motion.dt, dv, dz]) / unit
-
-        def jacobian(k: float, y: Floats) -> Floats:
-            steps = np.diag(_NUDGE * (1.0 + np.abs(y)))
-            ends = [rates(k, y + step) - rates(k, y - step) for step in steps]
-            return np.transpose(ends) / (2.0 * np.diag(steps))
-
-        def seen(k: int, y: Floats) -> tuple[float, float, float, float]:
-            x, v, z = (y * unit).tolist()
-            moves = abs(v) > motion.numbers[axis_step.STICK_SPEED]
-            return x, v, friction(k, x, v, z)[0], math.copysign(1.0, v) if moves else 0.0
-
-        y = np.array([x, v, 0.0]) / unit
-        for begin, end in pairwise(motion.kinks):
-            motion.enter(begin, end, *(y * unit)[:2])
-            run = self._integrated(
-                rates, begin, end, y, method="Radau", jac=jacobian, max_step=motion.longest
-            )
-            for k, at in zip(range(begin, end), run.y.T, strict=False):
-                out[:, k] = seen(k, at)
-            y = run.y[:, -1]
+        failed = smooth_law.run(
+            motion.numbers, motion.integers, parameters, motion.u[:-1], motion.ends[:-1],
+            motion.dt, np.array([x, v, 0.0]), unit, self.tolerance,
+            motion.longest * motion.dt, motion.stick_speed, out,
+        )  # fmt: skip
+        if failed >= 0:
+            raise self._failed(failed)
 
 
 @with_parameters
@@ -406,11 +376,8 @@ class Tanh(_Smooth):
 
     speed: float = stated("Width of the transition, well below the Stribeck velocity [m/s].")
 
-    def _width(self, level: float, dt: float) -> float:
-        return self.speed
-
-    def _law(self, level: float, v: float, z: float) -> tuple[float, float]:
-        return level * math.tanh(v / self.speed), 0.0
+    def _parameters(self) -> tuple[float, float, float]:
+        return self.speed, 0.0, 0.0
 
 
 @with_parameters
@@ -459,11 +426,8 @@ class Dahl(_Smooth):
 
     stiffness: float = stated("sigma0, slope of friction over position at a reversal [N/m].")
 
-    def _width(self, level: float, dt: float) -> float:
-        return level / (self.stiffness * dt)
-
-    def _law(self, level: float, v: float, z: float) -> tuple[float, float]:
-        return self.stiffness * z, v - self.stiffness * abs(v) / level * z
+    def _parameters(self) -> tuple[float, float, float]:
+        return 0.0, self.stiffness, 0.0
 
 
 @with_parameters
@@ -489,6 +453,5 @@ class LuGre(Dahl):
 
     damping: float = stated("Bristle damping sigma1, often sqrt(stiffness * mass) [N s/m].")
 
-    def _law(self, level: float, v: float, z: float) -> tuple[float, float]:
-        force, rate = super()._law(level, v, z)
-        return force + self.damping * rate, rate
+    def _parameters(self) -> tuple[float, float, float]:
+        return 0.0, self.stiffness, self.damping

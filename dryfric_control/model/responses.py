@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import control as ct
 import numpy as np
@@ -14,6 +14,9 @@ from dryfric_control.arrays import Floats, Ints
 from dryfric_control.compiled.axis_step import MOST_ROOM, ROOM, TooManySwitchesError
 from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
 from dryfric_control.text import documented, prefixed, stated, typeset
+
+if TYPE_CHECKING:
+    import pandas
 
 MODE_NAMES = {0: "stuck", 1: "sliding +", -1: "sliding -"}
 
@@ -116,6 +119,15 @@ class Response(ct.TimeResponseData):
             f"{type(self).__name__} of {self.t.size} samples from {self.t[0]:g} to "
             f"{self.t[-1]:g} s; outputs {names[0]}" + (f"; inputs {names[1]}" if names[1] else "")
         )
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Data frame of time, inputs and outputs, with the units by column in ``attrs``."""
+        length, force = self.units
+        units = {"time": "s", "v": f"{length}/s", **dict.fromkeys("uF", force)}
+        units |= dict.fromkeys(("x", "y", "r", "xref"), length)
+        frame = super().to_pandas()
+        frame.attrs["units"] = {name: units[name] for name in frame.columns if name in units}
+        return frame
 
     @property
     def mode(self) -> Ints:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dryfric_control.checks import positive
+from dryfric_control.checks import instance, positive
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, Wanted
 from dryfric_control.records.readers.sources import read_channels
 from dryfric_control.records.record import Record
@@ -144,6 +144,18 @@ def _has_gaps(values: Any) -> bool:
 
 #: Under the name beside `read_record`.
 load_record = Record.load
+
+
+#: What functions take in place of a record: the path of its file.
+RecordLike = Record | str | os.PathLike[str]
+
+
+def as_record(record: Any, name: str = "record") -> Record:
+    """A record, or the one that a path names, read with the headings' own units."""
+    if isinstance(record, (str, os.PathLike)):
+        return read_record(record)
+    instance(name, record, Record, 'or the path of its file, such as "run.csv"')
+    return record
 
 
 def read_bam(path: str | os.PathLike[str], dt: float | None = None) -> dict[str, Any]:

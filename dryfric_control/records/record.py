@@ -35,7 +35,9 @@ from dryfric_control.ties import samples
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
 
+    from dryfric_control.estimation.force_explorer import ForceExplorer
     from dryfric_control.estimation.force_map import ForceMap
     from dryfric_control.model.axis import FrictionAxis
 
@@ -698,6 +700,25 @@ class Record(Saved):
 
         return force_map(axis, self, hold)
 
+    def explore(self, axis: FrictionAxis, hold: str = "zero") -> ForceExplorer:
+        """What remains of the drive, with sliders for the numbers of the model.
+
+        In a notebook with ipywidgets (the extra ``interactive``) the picture is redrawn while mass,
+        viscous coefficient, Coulomb level, Stribeck peak and a line over place are turned; without
+        it, it is a picture.  ``explore(axis).axis`` is the model as it stands.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The model to start from, such as ``dfc.axis_from(record)``.
+        hold : {"zero", "first"}, optional
+            Whether the recorded input is held or interpolated linearly between samples.
+        """
+        # Here: estimation is made of records.
+        from dryfric_control.estimation.force_explorer import ForceExplorer
+
+        return ForceExplorer(self, axis, hold)
+
     def compare(self, name: str, window: int | None = None) -> checks.Comparison:
         """Compare a measured channel with what the position implies.
 
@@ -752,6 +773,30 @@ class Record(Saved):
         frame = pandas.DataFrame({h: a.copy() for h, a in self._columns().items()})
         frame.attrs["dryfric_control"] = self._meta()
         return frame
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Dataset over time, with units as attributes.
+
+        Each channel is a variable along ``time`` with its unit in ``attrs["units"]``; readings
+        that are masked are not a number in ``x``; name, quantum and notes are attributes.
+        """
+        try:
+            import xarray
+        except ImportError as err:
+            raise ImportError("to_xarray needs xarray: pip install xarray") from err
+        arrays = {name: array.copy() for name, array in self._arrays().items()}
+        arrays["x"] = np.where(self.good, self.measured, np.nan)
+        of = {role: self.units.get("x" if role == "reference" else role, "") for role in arrays}
+        of["t"] = "s"
+        variables = {
+            role: ("time", array, {"units": of[role]} if of[role] else {})
+            for role, array in arrays.items()
+        }
+        found = xarray.Dataset({k: v for k, v in variables.items() if k != "t"})
+        found = found.assign_coords(time=variables["t"])
+        found.attrs = {"name": self.name, "quantum": self.quantum or 0.0, "dt": self.dt}
+        found.attrs["notes"] = "\n".join(self.notes)
+        return found
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV file that `read_record` reads back bit for bit.

@@ -10,6 +10,7 @@ from typing import Any
 
 from dryfric_control.checks import instance, known_keys
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.axis_arguments import with_mass
 from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.friction import CoulombMap, Stribeck
@@ -156,11 +157,7 @@ def _table(name: str, value: Any, example: str) -> dict[str, Any]:
 def axis_from_dict(data: Mapping[str, Any]) -> FrictionAxis:
     """An axis from what `axis_to_dict` gives, or a file that a user wrote holds."""
     data = _table("axis", data, _AXIS)
-    if "inertia" in data:
-        raise ValueError(
-            f"inertia = {data['inertia']!r} is not known: write mass = {data['inertia']!r}, the "
-            'inertia with units = ["rad", "N m"]'
-        )
+    data = with_mass(dict(data))
     known_keys("", data, _KEYS)
     missing = [key for key in _NEEDED if key not in data]
     if missing:

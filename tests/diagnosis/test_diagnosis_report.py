@@ -80,6 +80,14 @@ def found():
     )  # fmt: skip
 
 
+def test_a_table_of_causes(found):
+    rows = found.table("markdown").splitlines()
+    assert rows[0] == "| cause | parameter | nominal | value | alternatives |"
+    assert rows[2] == "| spring | stiffness | none | 12.00 ± 0.10 N/m | gravity on a rotary axis |"
+    assert rows[3] == "| spring | rest | none | 0.1 m (undetermined) | gravity on a rotary axis |"
+    assert r"\qty{12.00(10)}{\newton\per\metre}" in found.table("latex")
+
+
 @pytest.fixture(scope="module")
 def nothing(found):
     """The same record with nothing wrong in the axis."""

@@ -227,3 +227,20 @@ def test_a_peak_shows_where_velocities_differ(options, told):
     places = PLACES[PLACES < 0.9 * record.x.max()]
     error = max(np.max(np.abs(found(places, s) / level(places, s) - 1.0)) for s in (1, -1))
     assert (error > 0.05) == told
+
+
+def test_a_negative_level_is_never_returned_in_silence():
+    """A constant force of 9 N beside friction of 8 N, at constant velocities both ways."""
+    t = 5e-3 * np.arange(6000)
+    v = np.where(t < 15.0, 0.02, -0.02)
+    record = Record(t, 9.0 + 8.0 * np.sign(v) + 15.0 * v, 0.02 * (15.0 - np.abs(t - 15.0)))
+    # 8 N and 15 N s/m x 0.02 m/s, less 9 N.
+    beside = r"negative direction is -0\.7 N .* Half of the difference .* 9 N over the travel"
+    with pytest.warns(FitWarning, match=beside):
+        found = identify_coulomb(record)
+    assert "friction is never negative" in " ".join(found.summary().split())
+    known = AXIS.replace(stribeck=dfc.Stribeck(0.0, 0.01), effects=dfc.effects.BiasForce(-9.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", FitWarning)
+        held = identify_coulomb(record, axis=known)
+    assert "warning" not in held.summary()

@@ -103,7 +103,38 @@ def test_response_is_a_time_response_of_python_control():
     assert resp.t[-1] == pytest.approx(49 * DT)
     assert np.array_equal(u, np.linspace(0.0, 20.0, 50))
     assert resp(squeeze=True).events is resp.events
-    assert list(resp.to_pandas().columns) == ["time", "u", "x", "v", "F", "mode"]
+    frame = resp.to_pandas()
+    assert list(frame.columns) == ["time", "u", "x", "v", "F", "mode"]
+    assert frame.attrs["units"] == {"time": "s", "u": "N", "x": "m", "v": "m/s", "F": "N"}
     assert repr(resp) == (
         "SimulationResponse of 50 samples from 0 to 0.049 s; outputs x, v, F, mode; inputs u"
     )
+
+
+def test_a_rotary_axis_takes_its_inertia():
+    axis = dfc.FrictionAxis(inertia=0.02, viscous=0.1, coulomb=0.5)
+    assert (axis.mass, axis.inertia, axis.units) == (0.02, 0.02, ("rad", "N m"))
+    assert axis.replace(inertia=0.03).mass == 0.03
+    raw = dfc.FrictionAxis(inertia=0.02, viscous=0.1, coulomb=0.5, units=("counts", "V"))
+    assert raw.units == ("counts", "V")
+    for call, words in (
+        (lambda: plain(inertia=0.02), r"mass = 2.0 and inertia = 0.02 .* give one"),
+        (lambda: plain().replace(inertia=1.0), r"of a rotary axis.*\('m', 'N'\) .*mass="),
+    ):
+        with pytest.raises(ValueError, match=words):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("visc", "give viscous="), ("damping", "give viscous="), ("Fc", "give coulomb="),
+        ("J", "inertia="), ("vs", r"dfc.Stribeck\("), ("gravity", "effects.Gravity"),
+        ("stik_speed", "Did you mean 'stick_speed'"), ("qqqq", "it has mass, viscous, coulomb"),
+    ],
+)  # fmt: skip
+def test_an_argument_of_another_name_is_told_the_right_one(name, words):
+    with pytest.raises(TypeError, match=f"no argument '{name}'.*{words}"):
+        plain(**{name: 1.0})
+    with pytest.raises(TypeError, match=words):
+        plain().replace(**{name: 1.0})

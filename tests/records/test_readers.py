@@ -16,6 +16,8 @@ from made_logs import text, write
 from scipy.io import savemat
 
 import dryfric_control as dfc
+from dryfric_control.estimation.plausibility import checked_records
+from dryfric_control.records.read import as_record
 
 N = 300
 T = 1e-3 * np.arange(N)
@@ -301,3 +303,16 @@ def test_a_delay_of_a_channel_is_measured():
     assert found.delay == pytest.approx(5e-3, abs=1e-3)
     assert found.gain == pytest.approx(2.0, rel=0.02)
     assert found.offset == pytest.approx(1.0, rel=0.1)
+
+
+def test_a_path_stands_for_its_record(tmp_path):
+    axis, record = dfc.datasets.belt_stage_axis(), dfc.datasets.belt_stage()
+    path = tmp_path / "run.csv"
+    record.to_csv(path)
+    assert as_record(path) == as_record(str(path)) == record
+    assert checked_records([path]) == checked_records(record) == (record,)
+    assert dfc.replay(axis, path).median == dfc.replay(axis, record).median
+    with pytest.raises(ValueError, match=r"must be a Record \(or the path of its file"):
+        as_record(record.t)
+    with pytest.raises(ValueError, match=r"record\[1\] hold the same data"):
+        checked_records([path, str(path)])

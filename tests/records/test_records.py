@@ -530,6 +530,21 @@ def test_csv_and_frames_keep_every_bit(tmp_path, u, x, commanded, start, dt, nam
             assert back.notes == record.notes
 
 
+def test_an_xarray_dataset_has_units_and_no_masked_readings():
+    pytest.importorskip("xarray")
+    good = np.ones(len(T), bool)
+    good[7] = False
+    record = Record(T, U, X, X, units={"u": "N", "x": "m"}, name="run", quantum=1e-6, good=good)
+    data = record.to_xarray()
+    assert {k: v.attrs["units"] for k, v in data.variables.items()} == {
+        "time": "s", "u": "N", "x": "m", "reference": "m",
+    }  # fmt: skip
+    assert np.isnan(data.x[7]) and np.array_equal(data.x[~np.isnan(data.x)], X[good])
+    assert np.array_equal(data.time, T) and data.attrs["quantum"] == 1e-6
+    data.x[0] = 9.0  # a copy
+    assert record.x[0] == X[0]
+
+
 def test_frames():
     pd = pytest.importorskip("pandas")
     frame = pd.DataFrame({"force [N]": U, "pos [mm]": 1e3 * X}, index=pd.Index(T, name="time"))

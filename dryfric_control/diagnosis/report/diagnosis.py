@@ -26,7 +26,9 @@ from dryfric_control.diagnosis.report.findings import (
 )
 from dryfric_control.diagnosis.report.page import html_page, html_summary
 from dryfric_control.diagnosis.report.wording import brief_lines, level_table, summary_lines
+from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.records.record import Record
+from dryfric_control.result_table import Cell, Quantity, formatted
 from dryfric_control.store.axis_file import axis_text, axis_to_dict
 from dryfric_control.store.files import write_file
 from dryfric_control.store.saved import Saved
@@ -103,6 +105,24 @@ class Diagnosis(Saved, Result, Findings):
         if path is not None:
             write_file(path, text)
         return text
+
+    def table(self, form: str = "markdown") -> str:
+        """Causes with their parameters, nominal values and alternatives as a table.
+
+        Parameters
+        ----------
+        form : {"markdown", "latex", "csv"}, optional
+            "latex" needs the packages booktabs and siunitx, "csv" has all digits.
+        """
+        rows: list[tuple[Cell, ...]] = []
+        for cause in self.causes:
+            nominal = believed_values(self.axis, cause)
+            others = ", ".join(map(titles_of, cause.alternatives)) or "none"
+            for name, value in cause.parameters.items():
+                unit, error = cause.units[name], cause.standard_errors[name]
+                before = Quantity(nominal[name], None, unit) if name in nominal else "none"
+                rows.append((cause.title, name, before, Quantity(value, error, unit), others))
+        return formatted(("cause", "parameter", "nominal", "value", "alternatives"), rows, form)
 
     def plot(self, ax: Any = None) -> ct.ControlPlot:
         """Draw the report on one page.

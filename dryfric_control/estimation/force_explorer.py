@@ -1,0 +1,256 @@
+"""The force that a model lacks, redrawn while the user turns its numbers."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.image import imsave
+
+from dryfric_control.arrays import Floats
+from dryfric_control.checks import finite, instance, known_keys
+from dryfric_control.drawing import MEASURED, PanelPlot, axes_of, control_plot, labelled
+from dryfric_control.estimation.smoothed_motion import (
+    SmoothedMotion,
+    drive_at_the_mass,
+    missing_force,
+)
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects import BiasForce, Spring
+from dryfric_control.model.friction import CoulombMap, Stribeck
+from dryfric_control.records.record import Record
+from dryfric_control.text import rotary_words, typeset
+from dryfric_control.units import check_units
+
+# Dots that are drawn; more are not told apart.
+_DOTS = 1200
+# Width and height of the picture [in], its resolution.
+_SIZE = (8.0, 3.2)
+_DPI = 80
+# Largest value of a slider over the nominal one.
+_REACH = 3.0
+# Stribeck velocities of the slider, over the largest velocity.
+_SLOWEST = 1e-3
+_FASTEST = 0.3
+_STEPS = 200
+
+
+@dataclass(frozen=True)
+class Slider:
+    """One number of the model: where it starts, its range and unit."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+class ForceExplorer:
+    """What remains of the drive over velocity and place, with the numbers of a model to turn.
+
+    In a notebook with ipywidgets it has sliders; elsewhere it is a picture, and `set` turns the
+    numbers.  `axis` is the model as it stands, to go on with.
+
+    Parameters
+    ----------
+    record : Record
+    axis : FrictionAxis
+        The model to start from.
+    hold : {"zero", "first"}, optional
+        Whether the recorded input is held or interpolated linearly between samples.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.4, viscous=12.0, coulomb=7.0)
+    >>> look = dfc.datasets.belt_stage().explore(axis)
+    >>> before = look.rms
+    >>> look.set(coulomb=9.0)
+    >>> look.rms < before, look.axis.coulomb.mean
+    (True, 9.0)
+    """
+
+    def __init__(self, record: Record, axis: FrictionAxis, hold: str = "zero") -> None:
+        instance("axis", axis, FrictionAxis)
+        check_units(axis, record)
+        self._start = axis.effective()
+        self._motion = SmoothedMotion.of(record, self._start.mass)
+        self._drive = drive_at_the_mass(self._start, record, hold)
+        at = self._motion.places
+        self._shown = slice(None, None, max(1, at.size // _DOTS))
+        self._v, self._x = self._motion.v[at], self._motion.x[at]
+        self._middle = 0.5 * (float(record.x.min()) + float(record.x.max()))
+        self.sliders: dict[str, Slider] = self._ranges(record)
+        self.values = {name: one.value for name, one in self.sliders.items()}
+        self._scale = 0.0
+        self._canvas: Any = None
+        self._frame: Any = None
+        self._moving: list[Any] = []
+
+    def _ranges(self, record: Record) -> dict[str, Slider]:
+        axis, unit = self._start, self._start.unit
+        level, peak = axis.coulomb.mean, axis.stribeck or Stribeck(excess=0.0, speed=1.0)
+        fastest = float(np.abs(self._v).max(initial=1e-12))
+        speed = peak.speed if axis.stribeck else 0.03 * fastest
+        stiffness = 2.0 * level / max(record.range, 1e-300)
+        return {
+            "mass": Slider(axis.mass, 0.0, _REACH * axis.mass, unit("kg")),
+            "viscous": Slider(
+                axis.viscous, 0.0, max(_REACH * axis.viscous, level / fastest), unit("N s/m")
+            ),
+            "coulomb": Slider(level, 0.0, _REACH * level, unit("N")),
+            "excess": Slider(peak.excess, 0.0, max(1.0, 2.0 * peak.excess), ""),
+            "stribeck_speed": Slider(speed, _SLOWEST * fastest, _FASTEST * fastest, unit("m/s")),
+            "stiffness": Slider(0.0, 0.0, stiffness, unit("N/m")),
+            "constant": Slider(0.0, -level, level, unit("N")),
+        }
+
+    def set(self, **values: float) -> None:
+        """Turn some of the numbers.
+
+        Parameters
+        ----------
+        **values : float
+            mass, viscous, coulomb, excess and stribeck_speed of the axis; stiffness and constant
+            of a line over place, a spring at rest in the middle of the record and a bias force.
+        """
+        known_keys("explore.", values, self.sliders)
+        self.values |= {name: finite(name, value) for name, value in values.items()}
+
+    @property
+    def axis(self) -> FrictionAxis:
+        """The model with these numbers."""
+        given, start = self.values, self._start
+        factor = max(given["coulomb"], 1e-12) / start.coulomb.mean
+        peak = Stribeck(given["excess"], given["stribeck_speed"]) if given["excess"] > 0.0 else None
+        effects = list(start.effects)
+        if given["stiffness"] > 0.0:
+            effects.append(Spring(stiffness=given["stiffness"], rest=self._middle))
+        if given["constant"] != 0.0:
+            effects.append(BiasForce(given["constant"]))
+        return start.replace(
+            mass=max(given["mass"], 1e-12),
+            viscous=max(given["viscous"], 0.0),
+            coulomb=CoulombMap.of(start.coulomb.scaled(factor)),
+            stribeck=peak,
+            effects=tuple(effects),
+        )
+
+    @property
+    def missing(self) -> Floats:
+        """Force that is missing in the sliding samples, shape (m,)."""
+        left = missing_force(self.axis, self._motion, self._drive)
+        return self._motion.smoothed(left[:, None])[:, 0]
+
+    @property
+    def rms(self) -> float:
+        """RMS of the force that is missing."""
+        return float(np.sqrt(np.mean(self.missing**2)))
+
+    def plot(self, ax: Any = None, title: str | None = None) -> PanelPlot:
+        """Draw the force that is missing over velocity and over place.
+
+        Parameters
+        ----------
+        ax : sequence of two Axes, optional
+            Where to draw.  Default: a new figure.
+        title : str, optional
+            Title.  Default: its RMS.
+        """
+        axes = axes_of(ax, 2, title, sharex=False, figsize=(7.0, 5.0))
+        self._draw(axes)
+        axes[0].set_title(self._title() if title is None else title, loc="left")
+        return control_plot(axes)
+
+    def _title(self, left: Floats | None = None) -> str:
+        rms = self.rms if left is None else float(np.sqrt(np.mean(left**2)))
+        words = f"force missing in the model: {rms:.3g} {self._start.units[1]} RMS"
+        return typeset(rotary_words(words, self._start.units[1]))
+
+    def _draw(self, axes: Any) -> list[Any]:
+        length, force = self._start.units
+        left, lines = self.missing[self._shown], []
+        for one, over, words in (
+            (axes[0], self._v, f"velocity [{length}/s]"),
+            (axes[1], self._x, f"position [{length}]"),
+        ):
+            one.axhline(0.0, color="k", lw=0.8)
+            lines += one.plot(over[self._shown], left, ".", color=MEASURED, ms=3)
+            labelled(
+                one, typeset(words), typeset(rotary_words(f"force [{force}]", force)), legend=False
+            )
+        return lines
+
+    def png(self) -> bytes:
+        """The picture of now; its frame is kept as long as the dots are in it."""
+        left = self.missing[self._shown]
+        largest = 1.1 * max(float(np.abs(left).max(initial=0.0)), 1e-300)
+        if not 0.2 * self._scale < largest < self._scale:
+            self._scale = 1.3 * largest
+            self._canvas = FigureCanvasAgg(Figure(figsize=_SIZE, dpi=_DPI, layout="constrained"))
+            axes = self._canvas.figure.subplots(1, 2, sharey=True)
+            self._moving = [*self._draw(axes), axes[0].set_title(" ", loc="left")]
+            axes[0].set_ylim(-self._scale, self._scale)
+            for one in self._moving:
+                one.set_animated(True)
+            self._canvas.draw()
+            self._frame = self._canvas.copy_from_bbox(self._canvas.figure.bbox)
+        self._canvas.restore_region(self._frame)
+        *lines, title = self._moving
+        title.set_text(self._title(left))
+        for line in lines:
+            line.set_ydata(left)
+        for one in self._moving:
+            one.axes.draw_artist(one)
+        out = io.BytesIO()
+        pixels = np.asarray(self._canvas.buffer_rgba())
+        imsave(out, pixels, format="png", pil_kwargs={"compress_level": 1})
+        return out.getvalue()
+
+    def _repr_png_(self) -> bytes:
+        return self.png()
+
+    def __repr__(self) -> str:
+        given = ", ".join(f"{name} = {value:.4g}" for name, value in self.values.items())
+        return f"{self._title()}\n{given}\nsliders in a notebook need ipywidgets; .set(mass=...)"
+
+    def _ipython_display_(self) -> None:
+        from IPython.display import Image, display
+
+        try:
+            import ipywidgets
+        except ImportError:
+            print('no sliders: pip install "dryfric-control[interactive]"')
+            display(Image(self.png()))
+            return
+        display(self.panel(ipywidgets))
+
+    def panel(self, widgets: Any) -> Any:
+        """The sliders above the picture, of the module ipywidgets."""
+        picture = widgets.Image(value=self.png(), format="png")
+        rows = []
+        for name, one in self.sliders.items():
+            options = {"description": name, "readout_format": ".3g"}
+            if name == "stribeck_speed":
+                low, high = np.log10([one.low, one.high])
+                step = (high - low) / _STEPS
+                row = widgets.FloatLogSlider(one.value, min=low, max=high, step=step, **options)
+            else:
+                step = (one.high - one.low) / _STEPS
+                row = widgets.FloatSlider(
+                    one.value, min=one.low, max=one.high, step=step, **options
+                )
+            row.observe(
+                lambda change, name=name: self._turned(picture, {name: change.new}), "value"
+            )
+            rows.append(widgets.HBox([row, widgets.Label(one.unit)]))
+        return widgets.VBox([*rows, picture])
+
+    def _turned(self, picture: Any, values: Mapping[str, float]) -> None:
+        self.set(**values)
+        picture.value = self.png()

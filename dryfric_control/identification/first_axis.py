@@ -1,0 +1,220 @@
+"""A first nominal axis from a record alone, by a regression of the drive on the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from dryfric_control.arrays import Floats
+from dryfric_control.checks import warn
+from dryfric_control.estimation.smoothed_motion import SmoothedMotion, drive_at_the_mass
+from dryfric_control.identification.fit import FitWarning
+from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.friction import CoulombMap
+from dryfric_control.records.read import RecordLike, as_record
+from dryfric_control.records.record import Record
+from dryfric_control.result_table import Quantity, formatted
+from dryfric_control.text import Result, documented, stated
+
+# Rounds of mass and of the smoothing that its noise asks for.
+_ROUNDS = 3
+# Samples of smoothed motion that are needed.
+_ENOUGH = 50
+# Ratio of standard error to value beyond which a parameter is not determined.
+_HARDLY = 0.5
+# Inertial force of a mass that is not determined, over the Coulomb level, at most.
+_FAINT = 0.1
+# Standard errors beyond which mass and friction are negative, and the drive has the wrong sign.
+_CLEAR = 3.0
+# Autocorrelation below which samples count as independent.
+_UNCORRELATED = 0.05
+_NAMES = ("mass", "viscous", "coulomb")
+
+
+@documented
+@dataclass(frozen=True, eq=False, repr=False)
+class ForceRegression(Result):
+    """Mass, viscous coefficient and Coulomb level from the drive alone; see `axis_from`.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> found = dfc.identification.force_regression(dfc.datasets.belt_stage())
+    >>> list(found.standard_errors)
+    ['mass', 'viscous', 'coulomb']
+    """
+
+    axis: FrictionAxis = stated("Axis with these values.")
+    parameters: dict[str, float] = stated("Values as the regression gives them.")
+    standard_errors: dict[str, float] = stated("Their standard errors, of correlated residuals.")
+    constant: float = stated("Constant force beside them, which is not in the axis [N].")
+    slope: float = stated("Force over place beside them, which is not in the axis [N/m].")
+    rms: float = stated("RMS of the drive that is left [N].")
+    messages: tuple[str, ...] = stated("What the record does not determine.")
+
+    def table(self, form: str = "markdown") -> str:
+        """Values and standard errors as a table.
+
+        Parameters
+        ----------
+        form : {"markdown", "latex", "csv"}, optional
+        """
+        units = dict(zip(_NAMES, ("kg", "N s/m", "N"), strict=True))
+        rows = [
+            (name, Quantity(value, self.standard_errors[name], self.axis.unit(units[name])))
+            for name, value in self.parameters.items()
+        ]
+        return formatted(("parameter", "value"), rows, form)
+
+    def _shown(self) -> Iterator[str | list[list[str]]]:
+        lines = [line.strip("| ").split(" | ") for line in self.table().splitlines()]
+        yield [lines[0], *lines[2:]]
+        force, length = self.axis.units[1], self.axis.units[0]
+        yield (
+            f"left of the drive: {self.rms:.3g} {force} RMS; beside these a constant force of "
+            f"{self.constant:.3g} {force} and {self.slope:.3g} {force}/{length} over place"
+        )
+        yield from (f"warning: {message}" for message in self.messages)
+
+
+def axis_from(record: RecordLike) -> FrictionAxis:
+    """A first nominal axis where you have none: mass, viscous, Coulomb.
+
+    Parameters
+    ----------
+    record : Record or path-like
+        A measured run that accelerates and slides both ways.
+
+    Returns
+    -------
+    FrictionAxis
+        In the units of the record; the errors of its values are those of
+        ``dfc.identification.force_regression(record)``.
+
+    Raises
+    ------
+    ValueError
+        If the record hardly moves, or its drive has the wrong sign.
+
+    Warns
+    -----
+    FitWarning
+        Where the record does not determine a value.
+
+    Notes
+    -----
+    The drive is regressed on acceleration, velocity and direction of motion, all through one
+    smoothing kernel, with a constant force and one over place beside them, which are left out of
+    the axis: what they are is for `diagnose` to say.  A cause that the axis lacks bends the values;
+    `fit` and `diagnose` go on from them.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.axis_from(dfc.datasets.belt_stage())
+    >>> round(axis.mass, 1), round(axis.coulomb.mean)
+    (2.4, 9)
+    """
+    found = force_regression(record)
+    for message in found.messages:
+        warn(message, FitWarning)
+    return found.axis
+
+
+def force_regression(record: RecordLike) -> ForceRegression:
+    """Mass, viscous coefficient and Coulomb level with standard errors, in a tenth of a second.
+
+    Parameters
+    ----------
+    record : Record or path-like
+        As in `axis_from`.
+    """
+    record = as_record(record)
+    motion = _motion(record)
+    values, errors, rms = _regression(record, motion)
+    messages = []
+    if not errors[2] < _HARDLY * values[2]:
+        values, errors, rms = _regression(record, motion, viscous=False)
+        messages.append(
+            "viscous and coulomb are not told apart by this record, of nearly one velocity: the "
+            "level has both, viscous is taken as 0"
+        )
+    parameters = dict(zip(_NAMES, values[:3].tolist(), strict=True))
+    deviations = dict(zip(_NAMES, errors[:3].tolist(), strict=True))
+    if values[0] < -_CLEAR * errors[0] or values[2] < -_CLEAR * errors[2]:
+        raise ValueError(
+            "record: the drive acts against the acceleration and along friction, as with the wrong "
+            "sign: read_record(..., gain=-1) turns the drive, gain={'x': -1.0} the position"
+        )
+    messages += [
+        f"{name} is hardly determined by this record ({parameters[name]:.3g} +- "
+        f"{deviations[name]:.2g}): {mend}"
+        for name, mend in (
+            ("mass", "it hardly accelerates, give axis.replace(mass=...) what you know"),
+            ("coulomb", "it does not slide slowly both ways, or other forces hide it"),
+        )
+        if not deviations[name] < _HARDLY * parameters[name]
+    ]
+    level = max(float(values[2]), float(errors[2]), 1e-12)
+    mass = float(values[0])
+    if not errors[0] < _HARDLY * mass:
+        # One that hardly matters in this motion.
+        mass = _FAINT * level / max(float(np.abs(motion.a).max()), 1e-300)
+    units = (record.units.get("x") or "m", record.units.get("u") or "N")
+    axis = FrictionAxis(
+        mass=mass, viscous=max(float(values[1]), 0.0), coulomb=CoulombMap.of(level),
+        name=record.name or "axis", units=_axis_units(units),
+    )  # fmt: skip
+    return ForceRegression(
+        axis, parameters, deviations, float(values[3]), float(values[4]), rms, tuple(messages)
+    )
+
+
+def _axis_units(units: tuple[str, str]) -> tuple[str, str]:
+    """Units of an axis where the record states only one of them."""
+    return ("rad", "N m") if units in (("rad", "N"), ("m", "N m")) else units
+
+
+def _motion(record: Record) -> SmoothedMotion:
+    """Smoothed motion with the kernel that the noise of the inertial force asks for."""
+    # At most the whole drive accelerates the mass.
+    mass = float(np.std(record.u)) / max(float(np.std(record.derivatives().a)), 1e-300)
+    for _ in range(_ROUNDS):
+        motion = SmoothedMotion.of(record, mass)
+        if motion.places.size < _ENOUGH:
+            raise ValueError(
+                f"record slides in {motion.places.size} smoothed samples only, {_ENOUGH} are "
+                "needed: it must move for longer"
+            )
+        mass = max(float(_regression(record, motion)[0][0]), 0.1 * mass)
+    return motion
+
+
+def _regression(
+    record: Record, motion: SmoothedMotion, viscous: bool = True
+) -> tuple[Floats, Floats, float]:
+    """Values of a, v, direction, constant and place, their standard errors, RMS of the rest."""
+    bare = FrictionAxis(1.0, 0.0, CoulombMap.of(1.0))
+    u = drive_at_the_mass(bare, record)
+    middle = motion.x - float(np.mean(motion.x[motion.places]))
+    columns = [motion.a, motion.v * viscous, motion.direction, np.ones_like(u), middle, u]
+    rows = motion.smoothed(np.stack(columns, axis=1))
+    size = np.maximum(np.abs(rows[:, :5]).max(axis=0), 1e-300)
+    terms, drive = rows[:, :5] / size, rows[:, 5]
+    found = np.linalg.lstsq(terms, drive, rcond=None)[0]
+    left = drive - terms @ found
+    degrees = max(left.size - found.size, 1)
+    variance = float(left @ left) / degrees * _correlation_time(left)
+    errors = np.sqrt(variance * np.sum(np.linalg.pinv(terms) ** 2, axis=1))
+    return found / size, errors / size, float(np.sqrt(np.mean(left**2)))
+
+
+def _correlation_time(left: Floats) -> float:
+    """Number of samples of a residual that say the same."""
+    power = np.abs(np.fft.rfft(left - left.mean(), 2 * left.size)) ** 2
+    correlation = np.fft.irfft(power)[: left.size]
+    correlation /= max(correlation[0], 1e-300)
+    stop = int(np.argmax(correlation < _UNCORRELATED)) or left.size - 1
+    return float(1.0 + 2.0 * correlation[1:stop].sum())

@@ -1,0 +1,62 @@
+"""The force that a model lacks, redrawn while its numbers are turned."""
+
+import io
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import dryfric_control as dfc
+
+T = 1e-3 * np.arange(4000)
+AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+
+
+@pytest.fixture(scope="module")
+def record():
+    u = 20.0 * np.sin(6.0 * T) + 12.0 * np.sin(17.0 * T + 1.0)
+    spring = dfc.effects.Spring(stiffness=40.0)
+    x = AXIS.replace(effects=(spring,)).simulate(u, 1e-3).y[0]
+    return dfc.Record(T, u, 1e-6 * np.round(1e6 * x))
+
+
+def test_the_right_numbers_leave_nothing_and_are_an_axis(record):
+    look = record.explore(AXIS.replace(mass=1.5, coulomb=6.0))
+    before = look.rms
+    middle = 0.5 * (record.x.min() + record.x.max())
+    # A spring at rest at 0 is one at rest in the middle and a constant force.
+    look.set(mass=2.0, coulomb=8.0, stiffness=40.0, constant=-40.0 * middle)
+    assert look.rms < 0.05 * before
+    assert look.rms == pytest.approx(record.force_map(look.axis).rms, rel=0.2)  # another kernel
+    spring, push = look.axis.effects
+    assert (spring.stiffness, spring.rest, push.force) == (40.0, middle, -40.0 * middle)
+    with pytest.raises(ValueError, match="explore.mas is not known. Did you mean 'mass'"):
+        look.set(mas=1.0)
+    assert [ax.get_xlabel() for ax in look.plot().axes.ravel()] == [
+        "velocity [m/s]",
+        "position [m]",
+    ]
+
+
+def test_only_the_dots_of_the_picture_move(record):
+    look = record.explore(AXIS)
+    one = imread(io.BytesIO(look.png()))
+    again = imread(io.BytesIO(look.png()))
+    look.set(coulomb=8.4)
+    other = imread(io.BytesIO(look.png()))
+    assert np.array_equal(one, again) and one.shape == other.shape
+    changed = np.any(one != other, axis=2)
+    assert changed.any() and not changed[-20:].any()  # the axis below is the frame
+    assert "coulomb = 8.4" in repr(look) and look._repr_png_() == look.png()
+
+
+def test_sliders_turn_the_numbers(record):
+    widgets = pytest.importorskip("ipywidgets")
+    look = record.explore(AXIS)
+    panel = look.panel(widgets)
+    *rows, picture = panel.children
+    assert [row.children[0].description for row in rows] == list(look.sliders)
+    before = picture.value
+    rows[2].children[0].value = 6.0
+    assert look.axis.coulomb.mean == 6.0 and picture.value != before
+    assert rows[2].children[1].value == "N"

@@ -1,0 +1,58 @@
+"""A first nominal axis from a record alone, from motions in closed form and an independent bench."""
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+from dryfric_control.identification import force_regression
+
+T = 1e-3 * np.arange(8000)
+POSITION = 0.05 * np.sin(6.0 * T) + 0.01 * np.sin(17.0 * T + 1.0)
+VELOCITY = 0.3 * np.cos(6.0 * T) + 0.17 * np.cos(17.0 * T + 1.0)
+FORCE = 2.0 * (-1.8 * np.sin(6.0 * T) - 2.89 * np.sin(17.0 * T + 1.0))
+FORCE += 15.0 * VELOCITY + 8.0 * np.sign(VELOCITY)
+
+
+def record_of(u, x=POSITION, noise=0.0, **options):
+    rng = np.random.default_rng(3)
+    u = u + noise * rng.standard_normal(u.size)
+    # The drive acts from sample to sample: its mean over the sample is given.
+    held = 0.5 * (u + np.append(u[1:], u[-1]))
+    return dfc.Record(T, held, 1e-6 * np.round(x / 1e-6), **options)
+
+
+@pytest.mark.parametrize(
+    ("beside", "noise"), [(0.0, 0.0), (0.0, 0.5), (1.5, 0.0), (-40.0 * POSITION, 0.5)]
+)
+def test_mass_and_friction_come_out_whatever_constant_or_spring_acts_beside(beside, noise):
+    found = force_regression(record_of(FORCE - beside, noise=noise))
+    true = {"mass": 2.0, "viscous": 15.0, "coulomb": 8.0}
+    for name, value in found.parameters.items():
+        # Smoothing and rounding: 0.3 % at most; noise: four standard errors.
+        assert value == pytest.approx(
+            true[name], abs=3e-3 * true[name] + 4.0 * found.standard_errors[name]
+        )
+        assert found.standard_errors[name] < 0.02 * true[name]
+    assert found.axis.mass == found.parameters["mass"] and not found.messages
+
+
+def test_a_path_and_a_rotary_record(tmp_path):
+    record = record_of(FORCE, units={"x": "rad", "u": "N m"})
+    record.to_csv(tmp_path / "run.csv")
+    axis = dfc.axis_from(tmp_path / "run.csv")
+    assert axis.units == ("rad", "N m") and axis.inertia == pytest.approx(2.0, rel=3e-3)
+    assert "kg m^2" in force_regression(record).table("csv")
+
+
+def test_what_the_record_does_not_say_is_told():
+    v = np.where(T < 4.0, 0.02, -0.02)
+    crawl = record_of(8.0 * np.sign(v) + 15.0 * v, 0.02 * (4.0 - np.abs(T - 4.0)), noise=0.1)
+    with pytest.warns(dfc.FitWarning, match="mass is hardly determined.*hardly accelerates"):
+        axis = dfc.axis_from(crawl)
+    # 8 N and 15 N s/m x 0.02 m/s: one velocity does not tell them apart.
+    assert axis.viscous == 0.0 and axis.coulomb.mean == pytest.approx(8.3, abs=0.05)
+    with pytest.raises(ValueError, match="wrong sign.*gain=-1"):
+        dfc.axis_from(record_of(-FORCE))
+    short = dfc.Record(T[:40], FORCE[:40], POSITION[:40])
+    with pytest.raises(ValueError, match="smoothed samples only, 50 are needed"):
+        dfc.axis_from(short)

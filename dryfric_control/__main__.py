@@ -30,7 +30,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.observer import ObserverDesign
 from dryfric_control.records import Record, Scaling, read_record
 from dryfric_control.records.scaling import read_sampling
-from dryfric_control.simulators.mujoco_file import axes_of
+from dryfric_control.simulators.mujoco_model import axes_of
 from dryfric_control.store.axis_file import read_axes, read_axis, read_knowledge
 from dryfric_control.store.files import existing_folder, output_folder, write_file
 from dryfric_control.store.saved import load_any

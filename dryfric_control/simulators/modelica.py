@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
+from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.simulators import joint_values
 from dryfric_control.simulators.files import Edit, applied, number, read_model, written
 from dryfric_control.simulators.joint_values import SimulatorValues
@@ -24,7 +25,7 @@ _UNITS = {"BearingFriction": ("rad", "N m"), "SupportFriction": ("m", "N")}
 _SKIPPED = re.compile(rb'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/', re.S)
 
 
-def _knots(speed: Floats) -> tuple[Floats]:
+def _knots(speed: Floats, axis: FrictionAxis) -> tuple[Floats]:
     """Velocities of the table: closest where the record has most samples, each one of these."""
     return (np.unique(np.quantile(speed, np.linspace(0.0, 1.0, _KNOTS), method="lower")),)
 
@@ -35,7 +36,7 @@ def _hats(v: Floats, knots: Floats) -> Floats:
     return np.sign(v)[:, None] * np.column_stack(columns)
 
 
-def _table(c: Floats, knots: Floats, breakaway: float) -> dict[str, Any]:
+def _table(c: Floats, knots: Floats, breakaway: float, axis: FrictionAxis) -> dict[str, Any]:
     rows = [[0.0, breakaway], *([float(a), float(b)] for a, b in zip(knots, c, strict=True))]
     return {"table": rows, "peak": 1.0}
 

@@ -80,7 +80,7 @@ def modelica(tmp_path):
 
 
 def test_mjcf_keeps_every_other_byte(arm):
-    dfc.to_mjcf(PLAIN, arm, load=0.05)
+    dfc.to_mjcf(PLAIN, arm, load=0.05, stiff=False)
     old = b"""damping = '0.05' class="x > y" />"""
     new = b"""damping = '0.3' class="x > y" frictionloss="1.2" armature="0.2" />"""
     assert MJCF.count(old) == 1
@@ -164,7 +164,7 @@ def test_values_are_least_squares_over_the_record(arm):
     v = run.y[1][np.abs(run.y[1]) > 0.02]
     friction = friction_over_velocity(PEAK, v, 0.0)
     c, d = np.linalg.lstsq(np.column_stack((np.sign(v), v)), friction, rcond=None)[0]
-    found = dfc.to_mjcf(PEAK, arm, velocities=v, load=0.05)
+    found = dfc.to_mjcf(PEAK, arm, velocities=v, load=0.05, dialect="3.2")
     assert found.values["elbow"]["frictionloss"] == pytest.approx(c)
     assert found.values["elbow"]["damping"] == pytest.approx(d)
     off = friction - c * np.sign(v) - d * v
@@ -176,14 +176,15 @@ def test_values_are_least_squares_over_the_record(arm):
 
 
 def test_a_fit_has_errors_and_free_runs(fitted, arm):
-    found = dfc.to_mjcf(fitted, arm, load=0.05)
+    found = dfc.to_mjcf(fitted, arm, load=0.05, dialect="3.2")
     values, errors = found.values["elbow"], found.standard_errors["elbow"]
     assert values["frictionloss"] == pytest.approx(1.2, rel=1e-3)
     names = {"armature": "mass", "damping": "viscous", "frictionloss": "coulomb"}
     right = {new: fitted.standard_errors[old] for new, old in names.items()}
     assert errors == pytest.approx(right, rel=1e-3)
     whole, less = found.free_runs["elbow"]
-    assert less == pytest.approx(whole, rel=1e-6)  # nothing is lost of a plain axis
+    # Nothing is lost of a plain axis, but MuJoCo's own; its steps of 2 ms lead by up to 1 ms.
+    assert whole < less < 1e-3 * np.abs(np.gradient(fitted.training[0].windows.record.x, DT)).max()
     assert found.lost == ()
     assert "written: arm.xml" in found.summary()
 

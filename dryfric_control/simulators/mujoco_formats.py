@@ -21,6 +21,8 @@ STIFF = {"solreffriction": "0.002 1", "solimpfriction": "0.999 0.9999 0.001"}
 LUGRE = tuple(f"lugre_{part}" for part in ("stiffness", "damping", "coulomb", "static", "stribeck"))
 # Stiffness of bristles times step^2 over inertia: less lets a joint go early, more is no better.
 _BRISTLES = 1.0
+# The most that an elastic contact may have: at 1, explicit steps do not damp it any more.
+_CONTACT = 0.4
 # Coulomb level of bristles that carry a peak alone, as a part of it; zero would divide by zero.
 _RESIDUE = 1e-4
 # Stiffness of Dahl's bristles over that of Prandtl's element whose free runs they are closest to
@@ -145,7 +147,7 @@ def _formats(stepping: Stepping, bristles: bool, axis: FrictionAxis) -> Sequence
         if isinstance(effect, effects.Presliding):
             stiffness = contact_stiffness(effect, axis.coulomb.mean)
             # A contact that is stiffer than a step can follow is a hard one.
-            contact = effect if stiffness * step**2 <= _BRISTLES * axis.mass else None
+            contact = effect if stiffness * step**2 <= _CONTACT * axis.mass else None
     words = [_Words(step, drag, peak, contact) for peak in (False, True) for drag in (False, True)]
     return [one.format() for one in words if bristles or not one.peak]
 
@@ -156,7 +158,7 @@ def has_bristles(values: Mapping[str, Any]) -> bool:
 
 
 def joint_attributes(values: Mapping[str, Any], stiff: bool, full: bool) -> dict[str, str]:
-    """Attributes of a joint; with `full`, damping has all coefficients, so that none is inherited."""
+    """Attributes of a joint; with `full`, damping has all coefficients and none is inherited."""
     quadratic = values.get("damping_quadratic", 0.0)
     damping = number(values["damping"])
     if full or quadratic > 0.0:

@@ -95,7 +95,12 @@ _USUAL = {
 def known_unit(unit: str) -> Unit | None:
     """The unit of a name, None for a name that is not known."""
     text = unit.strip().replace("µ", "u").replace("μ", "u")
-    return _TABLE.get(text) or _TABLE.get(re.sub(r"[\s·⋅*.-]", "", text))
+    found = _TABLE.get(text)
+    if found is None:
+        # Only a product or a quotient has marks in it: "m rad" is not "mrad".
+        joined = _TABLE.get(re.sub(r"[\s·⋅*.-]", "", text))
+        found = joined if joined and (joined.kind == "torque" or "/" in joined.si) else None
+    return found
 
 
 def si_unit(role: str, unit: str) -> tuple[float, str]:

@@ -53,11 +53,10 @@ def epoch_of(stamps: Any) -> Epoch | None:
     array = np.asarray(stamps)
     if array.dtype.kind not in "iuf" or array.size == 0:
         return None
-    first, last = float(array.ravel()[0]), float(array.ravel()[-1])
-    for epoch in _EPOCHS:
-        if epoch.least <= first <= epoch.most and epoch.least <= last <= epoch.most:
-            return epoch
-    return None
+    there = array[np.isfinite(array)]
+    first, last = (float(there.min()), float(there.max())) if there.size else (0.0, 0.0)
+    known = (epoch for epoch in _EPOCHS if epoch.least <= first and last <= epoch.most)
+    return next(known, None)
 
 
 def even_clock(t: Floats) -> EvenClock | None:
@@ -102,7 +101,8 @@ def _rounded_often(steps: Floats, rounding: float) -> bool:
 
 def single_spacing(t: Floats) -> float:
     """What stamps in single precision resolve at the latest of them; 0 for others."""
-    single = t.astype(np.float32)
+    with np.errstate(over="ignore"):  # beyond single precision
+        single = t.astype(np.float32)
     if not np.array_equal(single, t):
         return 0.0
     return float(np.spacing(np.abs(single).max()))

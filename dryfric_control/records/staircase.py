@@ -13,8 +13,9 @@ _CHANGES = 40
 _LONGEST = 200
 # Largest distance of a change from the even clock of all of them [samples].
 _OFF_CLOCK = 1.0
-# Median change over the range, above which the channel is switched, not sampled.
-_SWITCHED = 0.2
+# Mean square of the changes over the variance, above which the channel is switched, not sampled:
+# 2 for steps of random size, 4 for a square wave.
+_SWITCHED = 0.5
 # Median change in steps of the recording, below which it is coarse, not held.
 _COARSE = 4.0
 # Part of the changes that may be of one size: the steps of a ramp are.
@@ -25,6 +26,7 @@ class Staircase(NamedTuple):
     """Where a held channel changes."""
 
     changes: Ints  # samples
+    reads: Floats  # when it was read [samples]: by its own clock, at most one sample earlier
     period: float  # from change to change [samples], not always a whole number
 
 
@@ -40,7 +42,8 @@ def staircase(values: Floats, quantum: float) -> Staircase | None:
         return None
     size = np.abs(steps[changes - 1])
     usual = float(np.median(size))
-    if usual > _SWITCHED * np.ptp(values) or usual < _COARSE * quantum:
+    levels = values[changes]
+    if np.mean(size**2) > _SWITCHED * np.var(levels) or usual < _COARSE * quantum:
         return None
     if np.mean(np.abs(size - usual) < 0.01 * usual) > _ONE_SIZE:
         return None
@@ -53,4 +56,5 @@ def staircase(values: Floats, quantum: float) -> Staircase | None:
     there = changes.size / (numbers[-1] + 1.0)
     if not 1.4 < period < _LONGEST or off > _OFF_CLOCK or there < 0.5:
         return None
-    return Staircase(changes, float(period))
+    since = changes - period * numbers
+    return Staircase(changes, period * numbers + since.min(), float(period))

@@ -123,6 +123,7 @@ def split_header(cell: str) -> tuple[str, str]:
     match = _BRACKETS.fullmatch(cell)
     if match:
         unit = (match[2] if match[2] is not None else match[3]).strip()
+        unit = unit.removeprefix("in ").strip()
         return (cell, "") if unit.isdigit() else (match[1], unit)
     for mark in ("/", " in ", "_", " "):
         words = cell.split(mark)
@@ -137,7 +138,7 @@ def split_header(cell: str) -> tuple[str, str]:
 
 def worded(name: str) -> str:
     """A heading in lower case without accents, its words joined by "_"."""
-    name = "".join(c for c in normalize("NFKD", name.strip()) if not combining(c))
+    name = "".join(c for c in normalize("NFKD", name.strip(" _")) if not combining(c))
     return re.sub(r"(?<=[a-z])(?=[A-Z])|[ -]+", "_", name).casefold()
 
 
@@ -166,6 +167,8 @@ def _part(parts: list[str], k: int) -> tuple[str, str, str] | None:
     numbers = [w for w in words if w.isdigit()]
     if len(words) > 2 and words[1].isdigit() and words[0] in _SAID["stems"]["position"]:
         words = words[2:]  # q3_tau: the torque of a joint that is called q3
+    following = [*words[1:], ""][: len(words)]  # M1: the first motor
+    words = [w for w, n in zip(words, following, strict=True) if w != "m" or not n.isdigit()]
     words = _of_franka(words)
     words = [w for w in words if not w.isdigit() and w not in _FILLING]
     for stem in ("_".join(words), "_".join(words[1:] if set(words[:1]) & _PREFIXES else ())):
@@ -210,6 +213,7 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
     }
     for role in [role for role in NAMES if role not in columns]:
         found = _same_joint(named(role, names), names, chosen)
+        found = _in_best_unit(role, found, headings)
         if role not in ROLES[:3]:  # only what is beyond doubt, by name and unit
             sure = [k for k in found if k not in chosen.values()]
             sure = [k for k in sure if _fits(role, split_header(headings[k])[1])]
@@ -231,6 +235,18 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
         if chosen[a] == chosen[b]:
             raise ValueError(f"{where}: column {headings[chosen[a]]!r} serves as both {a} and {b}")
     return chosen
+
+
+def _in_best_unit(role: str, found: list[int], headings: list[str]) -> list[int]:
+    """Of columns of one name that of the surest unit: newtons before the volts of the sensor."""
+    parts = [split_header(headings[k]) for k in found]
+    if len(found) < 2 or len({name for name, _ in parts}) > 1:
+        return found
+    units = {k: known_unit(unit) for k, (_, unit) in zip(found, parts, strict=True)}
+    for kinds in _BY_UNIT.get(role, ()):
+        if best := [k for k, unit in units.items() if unit and unit.kind in kinds]:
+            return best
+    return found
 
 
 def _may_be_guessed(role: str, timed: bool | None, names: list[str]) -> bool:
@@ -267,10 +283,20 @@ def _several(
     return RefusalError(
         f"{where}: {', '.join(repr(names[k]) for k in found)} could each be {role}; "
         f'say which: columns={{"{role}": ...}}, that is {ways}'
-        + ", or one joint: joint=..."
+        + f", or one joint: joint={joint or '...'!r}"
         * several,
         **mend,
     )
+
+
+def _likely(role: str, heading: str) -> bool:
+    """Whether the first or last word of a heading, and its unit, suit a role."""
+    name, unit = split_header(heading)
+    words = re.findall(r"[^\W\d_]+", worded(name))
+    stems = {"u": "drive", "x": "position"}
+    suited = _SAID["stems"][stems[role]] if role in stems else ("time", "timestamp", "stamp")
+    ends = set(words[-1:]) | (set(words[:1]) if len("".join(words[1:])) < 3 else set())
+    return bool(ends & set(suited)) and _fits(role, unit) and meaning(name)[0] in ("", role)
 
 
 def _unknown(
@@ -278,13 +304,12 @@ def _unknown(
 ) -> RefusalError:
     """The error for a role that no column is recognised to play."""
     free = [h.strip() for k, h in enumerate(headings) if k not in taken and h.strip()]
-    free = [h for h in free if not meaning(split_header(h)[0])[0]]
-    if role == "t":
-        mend: dict[str, Any] = {"rate": ...}
-    elif free:
-        mend = {"columns": {role: free[0]}}
-    else:
-        mend = {"columns": {role: None if role == "u" else ...}}
+    likely = [h for h in free if _likely(role, h)]
+    mend: dict[str, Any] = {"columns": {role: likely[0] if likely else ...}}
+    if role == "t" and not likely:
+        mend = {"rate": ...}
+    elif role == "u" and all(meaning(split_header(h)[0])[0] for h in free):
+        mend = {"columns": {"u": None}}
     return RefusalError(
         f"{where}: no column recognised as {role}; available: {_listing(headings)}. "
         f'Say which it is: columns={{"{role}": ...}}, or give {none} if there is none'

@@ -49,8 +49,8 @@ def with_own_clocks(found: Channels, hold: str) -> Channels:
         steps = staircase(arrays["u"].astype(np.float64), 0.0)
         if steps is not None:
             clocks = dict.fromkeys(arrays, t)
-            arrays["u"] = np.full(t.size, np.nan)
-            arrays["u"][steps.changes] = np.asarray(found.values["u"])[steps.changes]
+            clocks["u"] = np.interp(steps.reads, np.arange(t.size), t.astype(np.float64))
+            arrays["u"] = arrays["u"][steps.changes]
     if not clocks:
         return found
     return replace(found, values=arrays, clocks=clocks)
@@ -103,10 +103,10 @@ def on_position_clock(found: Channels, hold: str, needed: tuple[str, ...] = ()) 
 
 
 def _origin(clocks: Any) -> int | float:
-    """First of all stamps, of whole ones alone: those of floating point stay as they are."""
+    """First of the whole stamps, 0 where all are in floating point."""
     firsts = [np.asarray(one).min() for one in clocks if len(one)]
-    whole = firsts and all(np.asarray(one).dtype.kind in "iu" for one in firsts)
-    return int(min(firsts)) if whole else 0.0
+    whole = [int(one) for one in firsts if one.dtype.kind in "iu"]
+    return min(whole) if whole else 0.0
 
 
 def _readings(stamps: Any, values: Any, origin: int | float) -> _Readings:

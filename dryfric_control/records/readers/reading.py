@@ -61,7 +61,7 @@ def read_as(
                 mend = {}
     line = _line(source, _merged(given, mend), gain)
     if len(reasons) == 1:
-        raise RefusalError(f"{said.rstrip('.')}. Read it by {line}", **mend)
+        raise RefusalError(f"{said.removesuffix('.')}. Read it by {line}", **mend)
     listed = "".join(f"\n  {k}. {reason}" for k, reason in enumerate(reasons, 1))
     raise RefusalError(f"not read as it is, for {len(reasons)} reasons:{listed}\nRead it by {line}")
 

@@ -27,7 +27,7 @@ from dryfric_control.export.fmu import export_fmu
 from dryfric_control.export.objects import exported
 from dryfric_control.identification import Fit
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.observer import ObserverDesign
+from dryfric_control.observer import ExtendedStateObserver, HybridFilter, ObserverDesign
 from dryfric_control.records import Record, Scaling, read_record
 from dryfric_control.records.scaling import read_sampling
 from dryfric_control.simulators.mujoco_model import axes_of
@@ -386,7 +386,8 @@ def _export(chosen: Namespace) -> None:
         "can not be exported: give an axis (TOML), or what `save` wrote of an observer design or "
         "a compensation (JSON)"
     )
-    obj = load_any(chosen.file, (ObserverDesign, Compensation), mend)
+    kinds = (ObserverDesign, HybridFilter, ExtendedStateObserver, Compensation)
+    obj = load_any(chosen.file, kinds, mend)
     if chosen.to == "c":
         files = export_c(obj, chosen.out, **given)
     else:

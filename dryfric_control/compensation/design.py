@@ -16,11 +16,11 @@ from dryfric_control.checks import finite, increment, instance, one_of, positive
 from dryfric_control.compensation import certificate as proof
 from dryfric_control.compensation import tuning as tuned
 from dryfric_control.compensation.certificate import TrackingCertificate
-from dryfric_control.compensation.runtime import CompensatedController
+from dryfric_control.compensation.runtime import CompensatedController, CompensationStepper
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
 from dryfric_control.model.axis import FrictionAxis, check_pace
-from dryfric_control.model.loops import simulate_loop
+from dryfric_control.model.loops import LoopRun, simulate_loop
 from dryfric_control.model.profiles import MotionProfile, motion_profile
 from dryfric_control.observer.certificate import CertificateError
 from dryfric_control.observer.design import ObserverDesign, design_pi_observer
@@ -46,7 +46,8 @@ class Promise:
 class Compensation(Saved, Result):
     """A friction-compensating position controller, certified.
 
-    Made by `design_compensation`.
+    Made by `design_compensation`; it runs as the observers do: by `block`, by `stepper`, over a
+    whole motion (`run`, which `simulate_loop` calls), as C and FMU, and it is kept by `save`.
 
     Examples
     --------
@@ -98,6 +99,19 @@ class Compensation(Saved, Result):
         name : str, optional
         """
         return self.controller.block(name)
+
+    def run(self, loop: LoopRun) -> tuple[Floats, int]:
+        """Run a closed loop, as `simulate_loop` does.
+
+        Parameters
+        ----------
+        loop : LoopRun
+        """
+        return self.controller.run(loop)
+
+    def stepper(self) -> CompensationStepper:
+        """The controller sample by sample, for a loop of your own."""
+        return self.controller.stepper()
 
     def certify(
         self,

@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from dryfric_control.arrays import Floats
 from dryfric_control.model.effects.columns import Column, View, amount, later, simulated
 from dryfric_control.model.effects.effect import BaseAxis, Effect, Inner, parameter, register_effect
+from dryfric_control.model.effects.interval import Box, Interval
 
 # Times the noise of the drive that a limit must cut off, and a dead zone must hide
 # (`benchmarks/diagnosis.py`).
@@ -137,6 +138,9 @@ class InputGain(Effect):
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * u
 
+    def bounds(self, box: Box) -> Interval:
+        return self.gain * box.u
+
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         # A gain near 0 would predict a straight line, whatever the drive.
@@ -176,6 +180,9 @@ class DeadZone(Effect):
         if u < -p[0]:
             return u + p[0]
         return 0.0
+
+    def bounds(self, box: Box) -> Interval:
+        return (box.u - self.width).clip(low=0.0) + (box.u + self.width).clip(high=0.0)
 
     def beyond_noise(self, u: Floats, noise: float) -> bool:
         # What is shrunk by less than its noise is nearer to the drive that there was.
@@ -218,6 +225,9 @@ class Saturation(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return min(max(u, -p[0]), p[0])
+
+    def bounds(self, box: Box) -> Interval:
+        return box.u.clip(-self.limit, self.limit)
 
     def beyond_noise(self, u: Floats, noise: float) -> bool:
         # Peaks of a noisy input are cut as if by a limit; what nearly every sample exceeds takes

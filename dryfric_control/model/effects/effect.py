@@ -17,6 +17,7 @@ from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, one_of, positive, string
 from dryfric_control.compiled.axis_step import LAW
 from dryfric_control.model.effects.columns import Column, View, by_law
+from dryfric_control.model.effects.interval import Box, Interval
 from dryfric_control.text import fields_of, list_in_docstring
 from dryfric_control.units import on_axis
 
@@ -351,6 +352,18 @@ class Effect:
             The axis that has the effect, its base parameters those that act.
         """
         return Inner()
+
+    def bounds(self, box: Box) -> Interval | None:
+        """Bounds of its law over a box of the arguments.
+
+        None, which it is by default, says that there are none: a certificate does not cover it.
+
+        Parameters
+        ----------
+        box : Box
+            The law's arguments, each an interval.
+        """
+        return None
 
     @classmethod
     def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> Effect:

@@ -10,6 +10,7 @@ import numpy as np
 
 from dryfric_control.model.effects.columns import Column, View, amount, sine, sines
 from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
+from dryfric_control.model.effects.interval import Box, Interval
 
 # Travel in metres below which no position is taken for an angle that has lost its unit.
 _ARC = 0.5
@@ -61,6 +62,9 @@ class BiasForce(Effect):
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0]
 
+    def bounds(self, box: Box) -> Interval:
+        return Interval.of_number(self.force)
+
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         yield amount("force", np.ones_like(view.x))
@@ -98,6 +102,9 @@ class ViscousAsymmetry(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * abs(v)
+
+    def bounds(self, box: Box) -> Interval:
+        return -self.viscous * abs(box.v)
 
     def viscous_in(self, direction: int) -> float:
         # Its coefficient with the sign of the direction.
@@ -140,6 +147,9 @@ class QuadraticDrag(Effect):
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * v * abs(v)
 
+    def bounds(self, box: Box) -> Interval:
+        return -self.drag * box.v * abs(box.v)
+
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         yield amount("drag", -view.v * np.abs(view.v), positive=True)
@@ -178,6 +188,9 @@ class Spring(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * (x - p[1])
+
+    def bounds(self, box: Box) -> Interval:
+        return -self.stiffness * (box.x - self.rest)
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
@@ -251,6 +264,16 @@ class EndStop(Effect):
             return max(p[2] * (p[0] - x) - p[3] * v, 0.0)
         return 0.0
 
+    def bounds(self, box: Box) -> Interval:
+        # Each stop pushes from its place on; where a damped one is met, its force jumps.
+        above, below = (box.x - self.high).clip(low=0.0), (self.low - box.x).clip(low=0.0)
+        pushes = []
+        for into, speed in ((above, box.v), (below, -box.v)):
+            push = (self.stiffness * into + self.damping * speed).clip(low=0.0)
+            pushes.append(push.where(into.high > 0.0))
+        force = pushes[1] - pushes[0]
+        return force.with_jump("v") if self.damping > 0.0 else force
+
     @classmethod
     def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> EndStop:
         low, high = axis.travel or (-size("m"), size("m"))
@@ -322,6 +345,9 @@ class Gravity(Effect):
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * math.sin(x - p[1])
 
+    def bounds(self, box: Box) -> Interval:
+        return -self.amplitude * (box.x - self.phase).sine()
+
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         if view.axis.units[0] != "m" or view.span >= _ARC:
@@ -371,6 +397,9 @@ class Cogging(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * math.sin(2.0 * math.pi * x / p[1] + p[2])
+
+    def bounds(self, box: Box) -> Interval:
+        return self.amplitude * (box.x * (2.0 * math.pi / self.period) + self.phase).sine()
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
@@ -423,6 +452,9 @@ class TimePeriodic(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * math.sin(2.0 * math.pi * p[1] * t + p[2])
+
+    def bounds(self, box: Box) -> Interval:
+        return self.amplitude * (box.t * (2.0 * math.pi * self.frequency) + self.phase).sine()
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:

@@ -10,6 +10,7 @@ import numpy as np
 from dryfric_control.model.effects.columns import PARTS, Column, View, amount, peaks, simulated
 from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
 from dryfric_control.model.effects.forces import BiasForce
+from dryfric_control.model.effects.interval import Box, Interval
 from dryfric_control.model.effects.naming import named
 
 # Largest fraction of the load that may be lost to friction.
@@ -53,6 +54,9 @@ class CoulombAsymmetry(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] if direction > 0.0 else -p[0]
+
+    def bounds(self, box: Box) -> Interval:
+        return Interval.of_number(box.direction * self.force)
 
     def plausible(self, axis: BaseAxis) -> bool:
         # Friction resists both ways; nearly all of it one way is a constant force.
@@ -100,6 +104,10 @@ class PositionDependence(Effect):
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         q = x - p[2]
         return level * (p[0] + p[1] * q) * q
+
+    def bounds(self, box: Box) -> Interval:
+        q = box.x - self.centre
+        return box.level * (self.slope * q + self.curvature * q.square())
 
     def meaning(self, units: tuple[str, str]) -> str:
         # The level as a formula.
@@ -155,6 +163,9 @@ class LoadDependence(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * abs(u)
+
+    def bounds(self, box: Box) -> Interval:
+        return self.coefficient * abs(box.u)
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
@@ -226,6 +237,9 @@ class LoadAsymmetry(Effect):
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * abs(u) if direction > 0.0 else -p[0] * abs(u)
 
+    def bounds(self, box: Box) -> Interval:
+        return box.direction * self.coefficient * abs(box.u)
+
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         force = -np.abs(view.direction * view.carried)
@@ -283,6 +297,9 @@ class StribeckAsymmetry(Effect):
             return 0.0
         rise = level * p[0] * math.exp(-q * q)
         return rise if direction > 0.0 else -rise
+
+    def bounds(self, box: Box) -> Interval:
+        return box.direction * self.difference * box.level * (box.v / self.speed).bell()
 
     @classmethod
     def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> StribeckAsymmetry:
@@ -343,6 +360,9 @@ class VelocityStrengthening(Effect):
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -level * p[0] * (1.0 - math.tanh(abs(v) / p[1]))
 
+    def bounds(self, box: Box) -> Interval:
+        return -self.deficit * box.level * (1.0 - (abs(box.v) / self.speed).tanh())
+
     @classmethod
     def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> VelocityStrengthening:
         # None yet, within a part of the speeds of the record.
@@ -396,6 +416,9 @@ class WarmUp(Effect):
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return level * p[0] * math.exp(-t / p[1])
 
+    def bounds(self, box: Box) -> Interval:
+        return self.rise * box.level * (-box.t / self.time_constant).exponential()
+
     @classmethod
     def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> WarmUp:
         # None yet.
@@ -440,6 +463,9 @@ class Drift(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return level * p[0] * t
+
+    def bounds(self, box: Box) -> Interval:
+        return self.rate * box.level * box.t
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
@@ -488,6 +514,9 @@ class DwellTime(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * -math.expm1(-rest / p[1])
+
+    def bounds(self, box: Box) -> Interval:
+        return self.rise * (1.0 - (-box.rest / self.time_constant).exponential())
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:

@@ -96,7 +96,8 @@ SHORT_WAY, SHORT_TIME, ALLOWED, BEHIND, BRISTLES, COULOMB = range(15, 21)
 #: follow, in the order input, force, level.  The first N_PLACE of the N_FORCE
 #: force laws depend only on position and time; the first N_PEAKED of the N_LEVEL
 #: level laws are raised by the Stribeck peak; N_CARRIED of the level laws depend on the
-#: load of the transmission; the N_READING laws of the encoder come last.
+#: load of the transmission, the last N_DRIVEN of them on the drive alone; the N_READING laws of
+#: the encoder come last.
 #: STRUCTURE is the set of inner states of the axis, 0 for none.  With two masses
 #: the numbers are stored twice, N_NUMBERS each: with the total mass, and with
 #: that of the load.  RIGID_TASK and TASK are addresses of the functions that move the
@@ -104,7 +105,7 @@ SHORT_WAY, SHORT_TIME, ALLOWED, BEHIND, BRISTLES, COULOMB = range(15, 21)
 RULE, N_PLUS, N_MINUS, N_INPUT, N_FORCE, N_PLACE, N_LEVEL, N_HISTORY = range(8)
 STRUCTURE, N_NUMBERS, RIGID_TASK, TASK, N_PEAKED, N_READING, N_CARRIED = range(8, 15)
 #: Number of inputs at which the input laws bend, and the index of the first among the numbers.
-N_CORNERS, CORNERS, LAWS = range(15, 18)
+N_CORNERS, CORNERS, N_DRIVEN, LAWS = range(15, 19)
 
 #: Places, before the first parameter of a law, of the largest slopes of its force: over time and
 #: time at rest, place, velocity, and load.  RELATIVE is 1 where they are parts of the level.
@@ -354,12 +355,17 @@ def _levels(plant, t, x, v, w, base, s, rest):
     """Level that the Stribeck peak raises, before the peak, and that of other contacts."""
     carried = _carried(plant, t, x, v, w, s, rest)
     first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
-    peaked = first + plant.integers[N_PEAKED]
+    peaked, last = first + plant.integers[N_PEAKED], first + plant.integers[N_LEVEL]
+    driven = last - plant.integers[N_DRIVEN]
     own, further = base, 0.0
     for i in range(first, peaked):
         own += _law(plant, i, t, x, v, carried, own, s, rest)
-    for i in range(peaked, first + plant.integers[N_LEVEL]):
+    for i in range(peaked, driven):
         further += _law(plant, i, t, x, v, carried, base, s, rest)
+    if driven < last:
+        drive = w - load_under(plant, 0.0, t, x, v, s, rest)
+        for i in range(driven, last):
+            further += _law(plant, i, t, x, v, drive, base, s, rest)
     return max(own, 0.0), further
 
 

@@ -880,7 +880,8 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
     forces = sorted(by_action["force"], key=lambda effect: effect.depends_on_speed)
     # A share of the level, by place or time, is a share of the level of each direction.
     levels = sorted(
-        by_action["friction"], key=lambda e: (not e.within_peak, not e.depends_on_direction)
+        by_action["friction"],
+        key=lambda e: (not e.within_peak, e.by_drive, not e.depends_on_direction),
     )
     laws = [*by_action["input"], *forces, *levels, *by_action["reading"]]
     inner = inner_of(axis)
@@ -942,6 +943,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         loaded,
         len(corners),
         len(numbers),
+        sum(effect.by_drive for effect in levels),
     ]
     numbers += corners
     speed = _usual_speed(axis, inner)

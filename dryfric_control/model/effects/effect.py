@@ -429,6 +429,11 @@ class Effect:
         """Free parameters that the name of the effect includes."""
         return tuple(item.name for item in fields(cls) if item.metadata["free"])
 
+    @property
+    def by_drive(self) -> bool:
+        """Whether its load is the drive alone, without the force effects that the drive holds."""
+        return False
+
     @classmethod
     def loaded(cls) -> bool:
         """Whether it is friction that depends on the load."""
@@ -588,10 +593,12 @@ def slopes_by_law(effect: Effect, axis: BaseAxis, speed: float) -> Slopes:
     level, (low, high) = largest_level(axis), axis.travel or (-1.0, 1.0)
     rng = np.random.default_rng(0)
     sign = rng.choice([-1.0, 1.0], (3, _STATES))
-    times = np.exp(rng.uniform(*np.log(_TIMES), (2, _STATES)))
+    soon, late = np.log(_TIMES)
+    slow, fast = np.log(_SPEEDS)
+    times = np.exp(rng.uniform(soon, late, (2, _STATES)))
     states = np.transpose([
         times[0], rng.uniform(low, high, _STATES),
-        sign[0] * speed * np.exp(rng.uniform(*np.log(_SPEEDS), _STATES)),
+        sign[0] * speed * np.exp(rng.uniform(slow, fast, _STATES)),
         sign[1] * level * rng.uniform(0.0, 3.0, _STATES), np.full(_STATES, level), sign[2],
         times[1],
     ])  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -151,7 +152,8 @@ class LoadDependence(Effect):
     -----
     .. math:: F_c \to F_c + \text{coefficient} \cdot {|u - e|}
 
-    with the drive u and the sum e of the force effects, as in the load-dependent model of
+    with the drive u and the sum e of the force effects, or with ``of_drive=1`` the drive alone,
+    whether it lifts or lowers a weight; the former as in the load-dependent model of
     Duclusaud, Passault, Padois and Ly (2025).  The Stribeck peak does not raise this part: it is
     the friction of another contact.  Behind a play or a compliance u is what the transmission
     carries: without the inertia of the motor, and nothing inside the play.
@@ -168,6 +170,10 @@ class LoadDependence(Effect):
     """
 
     coefficient: float = parameter("1", "added friction over the load", bounds=(0.0, 1.0), size=0.1)
+    of_drive: float = parameter(
+        "1", "from 0.5 on the load is the drive alone, as of a gear that a motor turns",
+        bounds=(0.0, 1.0), kind="share", default=0.0, free=False,
+    )  # fmt: skip
 
     title = "load-dependent friction"
     action = "friction"
@@ -179,6 +185,17 @@ class LoadDependence(Effect):
     def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
         return Slopes(load=self.coefficient)
 
+    @property
+    def by_drive(self) -> bool:
+        """Whether its load is the drive alone."""
+        return self.of_drive >= 0.5
+
+    def meaning(self, units: tuple[str, str]) -> str:
+        return "it grows with the drive alone, as the loss of a gear" if self.by_drive else ""
+
+    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
+        return (replace(self, of_drive=1.0 - round(self.of_drive)),)
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * abs(u)
@@ -188,8 +205,10 @@ class LoadDependence(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        force = -view.direction * np.abs(view.carried)
-        yield amount("coefficient", force, positive=True)._replace(most=_NEARLY_ALL)
+        for load, of_drive in ((view.carried, 0.0), (view.drive, 1.0)):
+            force = -view.direction * np.abs(load)
+            one = amount("coefficient", force, positive=True, of_drive=of_drive)
+            yield one._replace(most=_NEARLY_ALL)
 
 
 def carrying(axis: BaseAxis, scale: float) -> dict[str, float]:

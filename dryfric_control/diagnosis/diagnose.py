@@ -33,8 +33,8 @@ from dryfric_control.diagnosis.thresholds import (
     AHEAD,
     ANSWER,
     ENOUGH,
-    LEAST,
     LEAST_WINDOWS,
+    MOST_LEFT,
     RIVALS,
     SOONEST,
     WINDOW,
@@ -51,7 +51,7 @@ from dryfric_control.model.effects.naming import title_of
 from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.record import Record, told
 from dryfric_control.store.batch import fingerprint, raise_failures, run_batch
-from dryfric_control.text import length_text, see
+from dryfric_control.text import length_text, percent, see
 from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
@@ -80,6 +80,10 @@ _RATIOS = (
     "the record fixes mass, friction and all forces only as ratios to the gain of the drive, "
     "which keeps its nominal value: the errors include a factor of 1.4 for it; if the gain or "
     'the mass is known, say so: known=("mass",)'
+)
+_LITTLE = (
+    "{} of the error is left by the best set of candidates, so none is reported as a cause: what "
+    "acts is not in the catalogue; nearest to it: {}"
 )
 _CHANGES = (
     "what fits the first half of the record does not fit the second half, and the difference is "
@@ -293,8 +297,13 @@ def _answered(
     better = [name for name, cost in references.items() if cost < final.cost]
     if found.worse:
         better.append("free runs of the nominal axis")
-    if better and causes:
-        messages.append(f"not better than {' and '.join(better)}: no causes are reported")
+    little = found.left.significant and found.left.fraction > MOST_LEFT
+    if (better or little) and causes:
+        if better:
+            messages.append(f"not better than {' and '.join(better)}: no causes are reported")
+        else:
+            names = ", ".join(cause.title for cause in causes)
+            messages.append(_LITTLE.format(percent(found.left.fraction), names))
         causes, model = [], Model(model.fit)
         law = final = problem.reference(problem.believed, noises=noises_of(final))
         heard = as_recorded(final, recorded)
@@ -376,8 +385,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         if problem.runs is not recorded:
             begun = problem.fit(begun.axis, noises=noises_of(begun), turns=SOME)
         search.now = Model(begun)
-        behind = begun.cost > problem.straight_line.cost
-        if behind:
+        if begun.cost > problem.straight_line.cost:
             found = _by_force(search, begun)
             if found is not None:
                 return *found, False
@@ -391,13 +399,6 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         again = _reconsidered(search, model, recorded)
         if again is not None:
             search, model = again
-        explained = problem.left(model.fit) < LEAST or (
-            problem.clear_of_line(model.fit) and not problem.muted(model.fit)
-        )
-        if not (behind or explained or problem.late):
-            found = _by_force(search, begun)
-            if found is not None and found[1].fit.cost < model.fit.cost:
-                search, model = found
     except KeyboardInterrupt:
         return search, search.now, True
     return search, model, False

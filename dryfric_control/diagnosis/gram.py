@@ -640,14 +640,10 @@ class Gram:
         starts = self._starts(self.gains([chosen])[0], chosen) if chosen else []
         return starts, len(chosen) < len(every)
 
-    def proposals(self, every: bool = False) -> list[Proposal]:
-        """Starts of fits that it has not proposed yet, with the likeliest shapes in a pass.
-
-        `every`: of every effect, whatever the linear prediction says.
-        """
-        every_one = [(gain, [g]) for gain, g in self._single.values() if gain > -math.inf]
+    def proposals(self) -> list[Proposal]:
+        """Starts of fits that it has not proposed yet, with the likeliest shapes in a pass."""
         sets = [
-            (gain, some, names) for gain, some in (every_one if every else self.sets())
+            (gain, some, names) for gain, some in self.sets()
             for names in (frozenset(self.items[g].name for g in some),)
             if names not in self._proposed
         ]  # fmt: skip

@@ -166,7 +166,7 @@ class Search:
 
     def run(self, now: Model) -> Model:
         """Causes added, exchanged and dropped until the set stays; the likeliest set on the way."""
-        seen, every = dict[frozenset[str], float](), set[frozenset[str]]()
+        seen = dict[frozenset[str], float]()
         top = now
         while not self.problem.late:
             top = now if self.over(now, top) > 0.0 else top
@@ -191,14 +191,7 @@ class Search:
                     self.tell("exchange", now.causes)
                     now = self.exchanged(now)
                 continue
-            # What is so far off has no linear prediction: every effect is fitted.
-            if key in every or len(key) >= MOST or not self.problem.muted(now.fit):
-                break
-            every.add(key)
-            row = self._chosen(now, self._looked_again(now))
-            if row is None:
-                break
-            now = self.opened(self.pruned(Model(row.fit, (*now.causes, *row.names))))
+            break
         return now if self.over(now, top) > -EQUAL else top
 
     def together(self, joined: Model) -> Model | None:
@@ -245,17 +238,6 @@ class Search:
     def best(self, now: Model) -> Row | None:
         """The proposal that joins; of equally good ones the one with fewest assumptions."""
         return self._chosen(now, self.round(now) if len(now.causes) < MOST else ())
-
-    def _looked_again(self, now: Model) -> list[Row]:
-        """Every effect beside a model, fitted; found again by its causes."""
-        key = frozenset(now.causes)
-        grams = self._grams(now)
-        for gram in grams:
-            gram.simulate()
-        looks = Looks(self.problem, now.fit, self.odds, self._fail)
-        looks.fit(self._proposals(now, grams, every=True))
-        self._rounds[key] = now.fit, [*self.round(now), *looks.rows]
-        return looks.rows
 
     def _chosen(self, now: Model, rows: Sequence[Row]) -> Row | None:
         room = MOST - len(now.causes)
@@ -333,7 +315,7 @@ class Search:
             self._merges[frozenset(now.causes)] = [*found[0].merges(now.causes)]
         return found
 
-    def _proposals(self, now: Model, grams: Sequence[Gram], every: bool = False) -> list[Proposal]:
+    def _proposals(self, now: Model, grams: Sequence[Gram]) -> list[Proposal]:
         """New starts beside the model, with its base as it is and at nominal."""
         best, chosen = dict[_Start, Proposal](), list[_Start]()
         self.early = 0.0
@@ -344,7 +326,7 @@ class Search:
             for name, odds in gram.odds.items():
                 self.odds[name] = max(odds, self.odds.get(name, 0.0))
             self.early, self.view = max(self.early, gram.early()), gram.here
-            proposals = gram.proposals(every)
+            proposals = gram.proposals()
             if not now.causes and gram.fit is now.fit:
                 self.first = gram.singles | self.first
             for one in proposals:
@@ -355,7 +337,7 @@ class Search:
             # The likeliest in one pass, and those of which most is predicted beside this model.
             some = sorted(proposals, key=lambda p: p.cost)[:count]
             some += sorted(proposals, key=lambda p: -p.predicted)[: PROPOSALS // 2]
-            chosen += map(_start_of, proposals if every else some)
+            chosen += map(_start_of, some)
         return _likeliest_shapes([best[key] for key in dict.fromkeys(chosen)])
 
     def _addable(self, now: Model) -> list[str]:

@@ -60,3 +60,6 @@ SOONEST = 0.02
 # itself, and over its standard error; evidence above which the force alone shows it, in itself
 # and over that of the strongest cause.
 FREE, NOTED, STRONG, OUTSTANDING = 0.03, 2.0, 60.0, 0.2
+# Part of the RMS error of free runs, net of noise, beyond which a set of causes is not reported: it
+# explains less than half of the squared error.
+MOST_LEFT = 0.7

@@ -15,6 +15,9 @@ import numpy as np
 import dryfric_control as dfc
 from dryfric_control import presets
 from dryfric_control.demo import save
+from dryfric_control.drawing import title_above
+from dryfric_control.estimation.likelihood import Likelihood, prepare
+from dryfric_control.estimation.scoring import maximise
 
 IMAGES = Path(__file__).resolve().parent / "images"
 NAMES = {0: "stuck", 1: "sliding"}
@@ -77,6 +80,33 @@ def tutorial() -> None:
     save(dfc.diagnose(believed, dfc.Record(t=t, u=u, x=x)).plot(), IMAGES / "diagnosed.png")
 
 
+def force_first() -> None:
+    """The three views of a diagnosis of the record that ships, nominal and with its causes."""
+    record = dfc.datasets.belt_stage()
+    axis = dfc.FrictionAxis(mass=2.4, viscous=12.0, coulomb=9.0)
+    sides = {"nominal axis": axis, "with its causes": dfc.diagnose(axis, record).extended}
+    figure, axes = plt.subplots(5, 2, figsize=(8.0, 8.5), sharey=True, layout="constrained")
+    for column, (name, one) in zip(axes.T, sides.items(), strict=True):
+        lacks = record.force_map(one)
+        lacks.draw(column)
+        title_above(column[0], f"{name}: {lacks.rms:.2g} N RMS missing")
+    for one in axes[:, 1]:
+        one.set_ylabel("")
+    figure.savefig(IMAGES / "force_map.png", dpi=110)
+    run = prepare(record, mass=axis.mass)
+    figure, rows = plt.subplots(2, 1, figsize=(7.0, 3.6), sharex=True, layout="constrained")
+    for row, (name, one) in zip(rows, sides.items(), strict=True):
+        # The noises that are the likeliest with this axis, found by a fit of nothing else.
+        fit = maximise(Likelihood(one.effective(), (), [run]), np.log([1.0, 1e-12]))
+        (out,) = fit.point.out
+        row.plot(record.t, out[0] / np.sqrt(np.maximum(out[1], 1e-300)), "C0.", ms=1.5)
+        row.axhspan(-2.0, 2.0, color="0.9", lw=0, zorder=0)
+        row.set(ylabel="innovation\n[standard deviations]", ylim=(-8.0, 8.0))
+        row.set_title(f"{name}: random force {fit.random_force():.2g} N", loc="left")
+    rows[-1].set_xlabel("Time [s]")
+    figure.savefig(IMAGES / "likelihood.png", dpi=110)
+
+
 def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     save(modes(), IMAGES / "modes.png")
@@ -96,6 +126,7 @@ def main() -> None:
     run = presets.clutch_experiment()
     save(run.plot(), IMAGES / "observer_loop.png")
     tutorial()
+    force_first()
 
 
 if __name__ == "__main__":

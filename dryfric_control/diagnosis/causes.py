@@ -81,7 +81,7 @@ def hardly_determined(axis: FrictionAxis, causes: Sequence[Cause]) -> list[str]:
 def causes_of(
     search: Search, model: Model, final: Solution, rivals: dict[str, dict[str, Solution]]
 ) -> list[Cause]:
-    """Causes of a model in the order found, and wrong base parameters."""
+    """Causes of a model, those with most evidence first, and wrong base parameters."""
     problem = search.problem
     errors, units = final.standard_errors(), {p.name: p.unit for p in final.problem.parameters}
     if problem.scale_open:
@@ -92,7 +92,7 @@ def causes_of(
     gain_open = not problem.believed.effects and not {*problem.known, *problem.tolerance} & {*SLUGS}
     every = [SLUGS[n] for n in SLUGS if float(values_of(problem.believed, [n])[0]) > 0.0]
     found = []
-    for name in model.causes:
+    for name in sorted(model.causes, key=lambda n: -model.worth.get(n, 0.0)):
         own = {n.partition(".")[2]: n for n in model.own(name) if n in fitted}
         less, fall = model.less.get(name), np.zeros(1)
         if less is not None and less.fit.point.out:

@@ -22,7 +22,7 @@ from dryfric_control.text import Result, documented, percent, stated
 from dryfric_control.units import check_units
 
 # Number of bins of a curve.
-_BINS = 40
+_BINS = 24
 # Fewest samples of a bin that is shown.
 _FEWEST = 5
 # Quantiles of the force in a bin that its band spans.

@@ -20,6 +20,7 @@ import numpy as np
 
 import dryfric_control as dfc
 from dryfric_control.compiled import compensation, hybrid_filter, observer
+from dryfric_control.compiled.windowed_runs import NO_FORCE
 from dryfric_control.observer.runtime import first_memory, tables
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "export"))
@@ -44,7 +45,7 @@ def observer_case(rng, n):
     truth = native.mismatched(axis, rng).simulate(u, DT).y
     y = QUANTUM * np.round(truth[0] / QUANTUM)
     out = np.empty((n, observer.OUTPUTS))
-    observer.run(*tables(design), first_memory(design), u, y, out)
+    observer.run(*tables(design), first_memory(design), u, y, NO_FORCE, out)
     return design, (u, y), out.T, truth
 
 
@@ -56,7 +57,7 @@ def filter_case(rng, n):
     truth = native.mismatched(axis, rng).simulate(u, DT).y
     y = QUANTUM * np.round(truth[0] / QUANTUM)
     out = np.empty((n, hybrid_filter.OUTPUTS))
-    hybrid_filter.run(*made.tables, np.zeros(made.memory_size), u, y, out)
+    hybrid_filter.run(*made.tables, np.zeros(made.memory_size), u, y, NO_FORCE, out)
     return made, (u, y), out.T, truth
 
 

@@ -26,6 +26,7 @@ from plain_estimators import FilteredDifference, OneModeObserver
 
 import dryfric_control as dfc
 from dryfric_control import presets
+from dryfric_control.compiled.windowed_runs import NO_FORCE
 from dryfric_control.observer import (
     ObserverStepper,
     design_pi_observer,
@@ -174,7 +175,10 @@ def speed_table() -> None:
         out = np.empty((u.size, kernel.OUTPUTS))
         start = first_memory(design, START)
         times[f"compiled record, {rule!r}"] = (
-            best_of(lambda t=table, o=out, s=start: kernel.run(*t, s.copy(), u, y, o)) / u.size  # type: ignore[misc]
+            best_of(
+                lambda t=table, o=out, s=start: kernel.run(*t, s.copy(), u, y, NO_FORCE, o)  # type: ignore[misc]
+            )
+            / u.size
         )
     times["observe(), whole call"] = best_of(lambda: observe(design, u, y)) / u.size
     stepper = ObserverStepper(design, xhat0=START)

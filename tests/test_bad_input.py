@@ -374,6 +374,7 @@ rows(
     ("Record", dict(unwrap=1e-9), "period of the encoder", "unwrap"),
     ("Record", dict(channels={"w": X}), "known are v, a, x2", "channels"),
     ("Record", dict(channels={"v": X[:5]}), "one length", "channels"),
+    ("Record", dict(load=X[:5]), "one length", "load has 5 samples"),
     ("Record", dict(raw={"x": "counts"}), "unit and a factor", "raw"),
     ("Record", dict(raw={"x": ("counts", NAN)}), "finite", "raw"),
     ("Record", dict(notes="filtered"), "sequence"),

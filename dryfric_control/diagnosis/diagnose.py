@@ -624,6 +624,7 @@ def run_cases(
             problem.add_note(f"in {label}[{name!r}]")
             raise
         data = [p for r in records for p in (r.t, r.u, r.x, r.reference, r.quantum, r.good)]
+        data += [r.known_load for r in records if r.known_load is not None]
         cases[name, fingerprint(*data), *own(axis)] = axis, records
     found = run_batch(
         function,

@@ -72,9 +72,9 @@ class HybridFilter:
 
     def run(self, u: Any, y: ArrayLike | None = None) -> HybridResponse:
         """Run the filter over a record, or drive u [N] and readings y [m], each shape (n,)."""
-        time, inputs = drive_and_reading("filter", self, u, y)
+        time, inputs, known = drive_and_reading("filter", self, u, y)
         out = np.empty((time.size, kernel.OUTPUTS))
-        kernel.run(*self.tables, np.zeros(self.memory_size), *inputs, out)
+        kernel.run(*self.tables, np.zeros(self.memory_size), *inputs, known, out)
         return HybridResponse(
             time, out, inputs, self.axis.units, f"{self.axis.name}: hybrid filter"
         )

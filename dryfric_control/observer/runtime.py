@@ -13,6 +13,7 @@ from dryfric_control import drawing
 from dryfric_control.arrays import Floats, Ints
 from dryfric_control.checks import finite, instance, one_of, positive, samples
 from dryfric_control.compiled import observer as kernel
+from dryfric_control.compiled.windowed_runs import NO_FORCE
 from dryfric_control.model.block import Block
 from dryfric_control.model.responses import Response
 from dryfric_control.observer.design import ObserverDesign
@@ -133,7 +134,7 @@ def observe(
     design : ObserverDesign
     u : array_like, shape (n,), or Record
         Drive force at the samples [N]; a record, whose step and units must be those of the design,
-        brings `y` with it.
+        brings `y`, and its known load, with it.
     y : array_like, shape (n,), optional
         Measured position at the samples [m].
     xhat0 : float, optional
@@ -161,17 +162,17 @@ def observe(
     True
     """
     arrays = tables(design, switching, encoder_quantum)
-    time, inputs = drive_and_reading("design", design, u, y)
+    time, inputs, known = drive_and_reading("design", design, u, y)
     memory = first_memory(design, inputs[1, 0] if xhat0 is None else xhat0, vhat0, what0)
     out = np.empty((time.size, kernel.OUTPUTS))
-    kernel.run(*arrays, memory, *inputs, out)
+    kernel.run(*arrays, memory, *inputs, known, out)
     title = f"{design.axis.name}: switched PI observer"
     return ObserverResponse(time, np.ascontiguousarray(out.T), inputs, design.axis.units, title)
 
 
-def drive_and_reading(name: str, made: Any, u: Any, y: Any) -> tuple[Floats, Floats]:
-    """Time, and drive and reading, of arrays or a record, for an estimator with axis and step."""
-    start = 0.0
+def drive_and_reading(name: str, made: Any, u: Any, y: Any) -> tuple[Floats, Floats, Floats]:
+    """Time, drive and reading, known load, of arrays or a record, for an estimator with axis."""
+    start, known = 0.0, NO_FORCE
     if hasattr(u, "units") and hasattr(u, "dt"):  # a record; no room imports both
         if y is not None:
             raise ValueError("y must be left out where u is a record: it holds its positions")
@@ -181,7 +182,7 @@ def drive_and_reading(name: str, made: Any, u: Any, y: Any) -> tuple[Floats, Flo
                 f"record.dt is {u.dt:g} s and {name}.dt {made.dt:g} s: design with "
                 f"dt={u.dt:g}, or pass record.resampled({made.dt:g})"
             )
-        start, u, y = float(u.t[0]), u.u, u.x
+        start, known, u, y = float(u.t[0]), u.known_force, u.u, u.x
     elif y is None:
         raise ValueError("y is missing: give u and y, or a Record in place of both")
     drive, reading = samples("u", u), samples("y", y)
@@ -190,7 +191,7 @@ def drive_and_reading(name: str, made: Any, u: Any, y: Any) -> tuple[Floats, Flo
             f"u has {drive.size} samples and y {reading.size}: give one of each at every sample"
         )
     check_drive_and_reading(made.axis, made.dt, drive, reading)
-    return start + np.arange(drive.size) * made.dt, np.vstack([drive, reading])
+    return start + np.arange(drive.size) * made.dt, np.vstack([drive, reading]), known
 
 
 def pi_observer(

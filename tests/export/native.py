@@ -9,6 +9,7 @@ import numpy as np
 
 import dryfric_control as dfc
 from dryfric_control.compiled import compensation, hybrid_filter, observer
+from dryfric_control.compiled.windowed_runs import NO_FORCE
 from dryfric_control.export import export_c
 from dryfric_control.export.objects import ROOM, Exported, exported
 from dryfric_control.observer.runtime import first_memory, tables
@@ -150,10 +151,10 @@ def by_kernel(obj, *inputs, place=0.0) -> np.ndarray:
             out[k, 1] = memory[compensation.FORCE]
     elif isinstance(obj, dfc.ObserverDesign):
         memory, out = first_memory(obj, place), np.empty((n, observer.OUTPUTS))
-        observer.run(*tables(obj), memory, *inputs, out)
+        observer.run(*tables(obj), memory, *inputs, NO_FORCE, out)
     else:
         out = np.empty((n, hybrid_filter.OUTPUTS))
-        hybrid_filter.run(*obj.tables, np.zeros(obj.memory_size), *inputs, out)
+        hybrid_filter.run(*obj.tables, np.zeros(obj.memory_size), *inputs, NO_FORCE, out)
     return out.T
 
 

@@ -31,6 +31,26 @@ class ArmRecords(Result, Mapping[str, tuple[FrictionAxis, Record]]):
     """Axis and record of each joint of an arm; made by `arm_records`.
 
     A mapping that `diagnose_joints` takes as it is.
+
+    Examples
+    --------
+    A pendulum:
+
+    >>> import numpy as np
+    >>> import mujoco
+    >>> import dryfric_control as dfc
+    >>> model = mujoco.MjModel.from_xml_string('''<mujoco><worldbody><body name="arm">
+    ...   <joint name="swing" axis="0 1 0"/><inertial pos="0.5 0 0" mass="1"
+    ...   diaginertia="0.01 0.01 0.01"/></body></worldbody></mujoco>''')
+    >>> true = dfc.FrictionAxis(mass=0.26, viscous=0.2, coulomb=0.5, units=("rad", "N m"),
+    ...                         effects=(dfc.effects.Gravity(amplitude=4.905, phase=1.571),))
+    >>> t = 2e-3 * np.arange(3000)
+    >>> u = 4.0 * np.sin(2.0 * t) + np.sin(11.0 * t)
+    >>> x = 1e-5 * np.round(1e5 * true.simulate(u, dt=2e-3, x0=1.5).y[0])
+    >>> log = {"time": t, "swing.effort": u, "swing.position": x}
+    >>> records = dfc.arm_records(model, log)
+    >>> [record.known_load is not None for axis, record in records.values()]
+    [True]
     """
 
     axes: dict[str, FrictionAxis] = stated(
@@ -56,7 +76,7 @@ class ArmRecords(Result, Mapping[str, tuple[FrictionAxis, Record]]):
         return len(self.axes)
 
     def model_errors(self) -> tuple[ModelError, ...]:
-        """Masses, centres of mass and payloads that the model has wrong, see `diagnose_arm`."""
+        """Masses that the model has wrong, see `diagnose_arm`."""
         return find_model_errors(self)
 
     def without(self, errors: Sequence[ModelError]) -> ArmRecords:

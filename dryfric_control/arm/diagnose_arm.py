@@ -81,7 +81,7 @@ def diagnose_arm(
     progress: bool = True,
     **options: Any,
 ) -> ArmDiagnoses:
-    """Find what a model of an arm, and the axes of its joints, get wrong about a log.
+    """Diagnose an arm: the masses of its model, and its joints.
 
     Parameters
     ----------
@@ -112,6 +112,25 @@ def diagnose_arm(
 
     Then each joint is diagnosed beside the coupling torque of the corrected model.  A joint that
     cannot be diagnosed does not end the others: it is in `failed`.
+
+    Examples
+    --------
+    One joint, which turns a table:
+
+    >>> import numpy as np
+    >>> import mujoco
+    >>> import dryfric_control as dfc
+    >>> model = mujoco.MjModel.from_xml_string('''<mujoco><worldbody><body>
+    ...   <joint name="table" axis="0 0 1" damping="0.2" frictionloss="1.5"/>
+    ...   <inertial pos="0 0 0" mass="2" diaginertia="0.3 0.3 0.3"/></body></worldbody></mujoco>''')
+    >>> axis = dfc.FrictionAxis(mass=0.3, viscous=0.2, coulomb=1.5, units=("rad", "N m"))
+    >>> t = 2e-3 * np.arange(3000)
+    >>> u = 4.0 * np.sin(3.0 * t) + 2.0 * np.sin(11.0 * t)
+    >>> x = 1e-5 * np.round(1e5 * axis.simulate(u, dt=2e-3).y[0])
+    >>> log = {"time": t, "table.effort": u, "table.position": x}
+    >>> found = dfc.diagnose_arm(model, log, progress=False)
+    >>> found["table"].verdict, found.model_errors
+    ('nothing to find', ())
     """
     names, tolerance, time_limit = _checked(known, tolerance, store, time_limit, hold)
     nominal = arm_records(model, log, **options)

@@ -1,11 +1,12 @@
-"""How exactly exported C repeats the kernels: ``python benchmarks/export.py``.
+"""How exactly exported C repeats the kernels (4 min; ``--samples 100000``: 1 min).
 
-Random axes with random effects, designs for them, and readings of mismatched plants; the C,
-compiled by gcc with the flags of the how-to page, against the compiled kernels over
-``--samples`` samples in all (10^6 by default), for each kind.  Columns: machines, samples,
-outputs that differ, largest distance in units of the last place.  ``--single`` compares
-single precision with double: RMS of the difference of each output, median of the machines,
-and for observers the velocity error in double precision beside it.
+Random axes with random effects, observers and compensations of them, readings of mismatched
+plants; the C, compiled by gcc with the flags of the how-to page, against the compiled kernels.
+Prints for each kind machines, samples, outputs that differ, and the largest distance in units of
+the last place.  ``--single`` compares single precision with double: RMS of the difference of each
+output, median of the machines, and for observers the velocity error in double precision beside it.
+
+python benchmarks/export.py [kinds] [--single] [--samples N] [--machines N]
 """
 
 from __future__ import annotations
@@ -19,8 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import dryfric_control as dfc
-from dryfric_control.compiled import compensation, hybrid_filter, observer
-from dryfric_control.observer.runtime import first_memory, tables
+from dryfric_control.compiled import compensation
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "export"))
 import native
@@ -35,29 +35,30 @@ def axis_case(rng, n, structure=False):
     return axis, (u,), axis.simulate(u, DT).y, None
 
 
-def observer_case(rng, n):
-    """A design for a random axis, with the reading of a mismatched plant."""
+def observer_case(rng, n, make):
+    """An observer of a random axis, with the reading of a mismatched plant."""
     axis = native.random_axis(rng)
+    made = make(axis, rng)
+    u = native.random_drive(rng, n)
+    truth = native.mismatched(axis, rng).simulate(u, DT).y
+    y = QUANTUM * np.round(truth[0] / QUANTUM)
+    return made, (u, y), native.by_kernel(made, u, y), truth
+
+
+def switched(axis, rng):
+    """A design in one of its forms."""
     form = str(rng.choice(["current", "prediction"]))
-    design = dfc.design_pi_observer(axis, dt=DT, encoder_quantum=QUANTUM, form=form)
-    u = native.random_drive(rng, n)
-    truth = native.mismatched(axis, rng).simulate(u, DT).y
-    y = QUANTUM * np.round(truth[0] / QUANTUM)
-    out = np.empty((n, observer.OUTPUTS))
-    observer.run(*tables(design), first_memory(design), u, y, out)
-    return design, (u, y), out.T, truth
+    return dfc.design_pi_observer(axis, dt=DT, encoder_quantum=QUANTUM, form=form)
 
 
-def filter_case(rng, n):
-    """A hybrid filter for a random axis, with the reading of a mismatched plant."""
-    axis = native.random_axis(rng)
-    made = dfc.hybrid_filter(axis, DT, QUANTUM)
-    u = native.random_drive(rng, n)
-    truth = native.mismatched(axis, rng).simulate(u, DT).y
-    y = QUANTUM * np.round(truth[0] / QUANTUM)
-    out = np.empty((n, hybrid_filter.OUTPUTS))
-    hybrid_filter.run(*made.tables, np.zeros(made.memory_size), u, y, out)
-    return made, (u, y), out.T, truth
+def hybrid(axis, rng):
+    """A hybrid filter."""
+    return dfc.hybrid_filter(axis, DT, QUANTUM)
+
+
+def extended(axis, rng):
+    """An extended state observer, with or without the nominal friction."""
+    return dfc.extended_state_observer(axis, DT, QUANTUM, feedforward=bool(rng.integers(2)))
 
 
 def compensation_case(rng, n):
@@ -91,8 +92,9 @@ _HARD = ("input_delay", "actuator_lag", "input_gain", "dead_zone", "saturation")
 CASES = {
     "axis": lambda rng, n: axis_case(rng, n),
     "axis with inner states": lambda rng, n: axis_case(rng, n, True),
-    "switched observer": observer_case,
-    "hybrid filter": filter_case,
+    "switched observer": lambda rng, n: observer_case(rng, n, switched),
+    "hybrid filter": lambda rng, n: observer_case(rng, n, hybrid),
+    "extended state": lambda rng, n: observer_case(rng, n, extended),
     "compensation": compensation_case,
 }
 

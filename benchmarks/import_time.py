@@ -1,48 +1,33 @@
-"""What `import dryfric_control` costs beyond `import control`.
+"""Time that `import dryfric_control` takes beyond `import control` (20 s).
 
-    python benchmarks/import_time.py [--repeat 5]
+Prints medians of fresh processes in turns.  The first pair, which may have to write byte code or
+read the disk, is not counted.
 
-Wall time, each in a fresh process, in turns; medians.  The first pair, which may
-have to write byte code or read the disk, is not counted.
+python benchmarks/import_time.py
 """
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-LIMIT = 1.5  # s, of the difference
+#: Processes for each module.
+REPEAT = 5
 PROGRAM = "import time; start = time.perf_counter(); import {}; print(time.perf_counter() - start)"
 
 
 def seconds(module: str) -> float:
     """Time that a fresh process takes to import a module."""
-    run = subprocess.run(
-        [sys.executable, "-c", PROGRAM.format(module)],
-        cwd=ROOT, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+    command = [sys.executable, "-c", PROGRAM.format(module)]
+    root = Path(__file__).parents[1]
+    run = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
     return float(run.stdout)
 
 
-def main() -> None:
-    """Print both medians and their difference."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--repeat", type=int, default=5, help="processes for each")
-    options = parser.parse_args()
-    names = ("control", "dryfric_control")
-    turns = [[seconds(name) for name in names] for _ in range(options.repeat + 1)][1:]
-    theirs, ours = (statistics.median(column) for column in zip(*turns, strict=True))
-    beyond = statistics.median(b - a for a, b in turns)
-    print(f"import control          {theirs:6.2f} s")
-    print(f"import dryfric_control  {ours:6.2f} s")
-    print(f"beyond control          {beyond:6.2f} s   target < {LIMIT} s")
-
-
 if __name__ == "__main__":
-    main()
+    turns = [(seconds("control"), seconds("dryfric_control")) for _ in range(REPEAT + 1)][1:]
+    print(f"import control         {statistics.median(theirs for theirs, _ in turns):6.2f} s")
+    print(f"import dryfric_control {statistics.median(ours for _, ours in turns):6.2f} s")
+    print(f"beyond control         {statistics.median(b - a for a, b in turns):6.2f} s")

@@ -1,27 +1,21 @@
-"""Ten million samples: does the position at rest drift, does memory grow, does the observer heal?
+"""Ten million samples: drift at rest, memory, recovery of the observer (1 min).
 
-Run ``python benchmarks/long_run.py``; ``--samples`` makes it shorter.  Three parts:
+python benchmarks/long_run.py [--samples N]
 
-rest      an axis pushed to and fro below its breakaway level, at rest after a leftover speed;
-          the position after the first second is compared bit by bit with all later ones.
-memory    what a simulation and an observer run allocate beyond the arrays that they return,
-          and what the process keeps after twenty of them and a million steps by hand.
-observer  a crawl with stick-slip and steps in closed loop.  Every two seconds or so the encoder
-          fails: it drops samples (the last reading stays) or sticks, for 1 to 500 samples.  The
-          run is compared with one of the same observer on the sound readings: how far a fault
-          throws it, and how long until it is back within the error that the sound run has with
-          the truth in 99.9 % of all samples.
-
-Times are those of one thread, compiled code warmed up.
+rest      change of position of an axis that is pushed below its breakaway level, after 1 s [m]
+observer  recovery from readings that are lost for 1 to 500 samples, by that length: faults that
+          did not move the estimate out of its usual error (99.9 % of the run on sound readings);
+          of the others the largest distance from that run [increments], and samples until the
+          error is its usual one again for good: median, 95 %, most
+memory    bytes that a call returns and uses beyond, and that stay after many calls
 """
 
 from __future__ import annotations
 
 import argparse
-import resource
-import time
 import tracemalloc
-from dataclasses import dataclass
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +31,8 @@ AXIS = dfc.FrictionAxis(
 )
 #: Lengths of the faults [samples]; the last ones outlast most motions.
 FAULTS = (1, 3, 10, 30, 100, 500)
+#: Samples between the starts of two faults.
 SPACING = 2000
-
-
-# -------------------------------------------------------------------- rest
 
 
 def rest_drift(samples: int, hold: str = "zero") -> tuple[float, int]:
@@ -52,49 +44,40 @@ def rest_drift(samples: int, hold: str = "zero") -> tuple[float, int]:
     return float(np.max(np.abs(x[1000:] - x[1000]))), len(run.events)
 
 
-# ------------------------------------------------------------------ memory
-
-
-@dataclass(frozen=True)
-class Footprint:
+class Footprint(NamedTuple):
     """Bytes of a call: returned in arrays, and at most in use beyond them."""
 
     returned: int
     beyond: int
 
 
-def footprint(call: object) -> Footprint:
+def footprint(call: Callable[[], Any]) -> Footprint:
     """What a call allocates, arrays included, as tracemalloc sees it."""
-    call()  # type: ignore[operator]
+    call()
     tracemalloc.start()
     before = tracemalloc.get_traced_memory()[0]
-    found = call()  # type: ignore[operator]
+    found = call()
     peak = tracemalloc.get_traced_memory()[1] - before
     tracemalloc.stop()
-    arrays = {
-        id(a.base if a.base is not None else a): a for a in (found.t, found.y, found.x, found.u)
-    }
-    returned = sum((a if a.base is None else a.base).nbytes for a in arrays.values())
+    owners = [a if a.base is None else a.base for a in (found.t, found.y, found.x, found.u)]
+    returned = sum(array.nbytes for array in {id(one): one for one in owners}.values())
     return Footprint(returned, peak - returned)
 
 
-def kept(call: object, times: int) -> int:
+def kept(call: Callable[[], Any], times: int) -> int:
     """Bytes in use after many calls whose results are thrown away."""
-    call()  # type: ignore[operator]
+    call()
     tracemalloc.start()
     before = tracemalloc.get_traced_memory()[0]
     for _ in range(times):
-        call()  # type: ignore[operator]
+        call()
     after = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
     return after - before
 
 
-# ---------------------------------------------------------------- observer
-
-
-def motion(samples: int) -> tuple[Array, Array, Array]:
-    """Drive, sound readings and true rows x, v, F, mode of a long closed loop."""
+def closed_loop(samples: int) -> tuple[Array, Array, Array]:
+    """Drive, sound readings and true rows x, v, F, mode of crawls and steps."""
     t = np.arange(samples) * DT
     crawl = 0.02 * np.abs((0.1 * t) % 2.0 - 1.0)
     steps = np.where((t % 4.0) < 2.0, 0.0, 0.05)
@@ -104,129 +87,78 @@ def motion(samples: int) -> tuple[Array, Array, Array]:
     return run.y[4], run.y[5], run.y[:4]
 
 
-def faulty(y: Array, seed: int = 1) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Readings with faults: first sample and length of each."""
-    rng = np.random.default_rng(seed)
-    starts = np.arange(SPACING, y.size - 2 * SPACING, SPACING)
-    starts = starts + rng.integers(0, SPACING // 4, starts.size)
-    lengths = rng.choice(FAULTS, starts.size)
-    bad = y.copy()
-    for a, n in zip(starts, lengths, strict=True):
-        bad[a : a + n] = y[a - 1]
-    return bad, starts, lengths
-
-
-@dataclass(frozen=True)
-class Recovery:
-    """Recovery of the observer from faults of one length.
-
-    Attributes
-    ----------
-    length : int
-        Samples of a fault.
-    count, unhurt : int
-        Faults of this length, and how many did not move the estimate out of its usual error.
-    thrown : float
-        Largest distance from the run on sound readings, in increments of the encoder.
-    median, usually, most : float
-        Middle, 95 % quantile and largest of the samples from the end of a fault until the
-        error is its usual one again and stays so for a second; over the faults that hurt.
-    lost : int
-        Faults after which it was not back within that second.
-    """
+class Recovery(NamedTuple):
+    """Recovery of the observer from faults of one length; times in samples."""
 
     length: int
     count: int
     unhurt: int
-    thrown: float
+    thrown: float  # [increments]
     median: float
     usually: float
     most: float
-    lost: int
+    lost: int  # faults after which it was not back within a second
 
 
-def recoveries(samples: int) -> tuple[list[Recovery], float, float]:
-    """Recovery by length of fault, seconds of the run, and the last distance."""
-    u, y, truth = motion(samples)
+def recoveries(samples: int) -> tuple[list[Recovery], float]:
+    """Recovery by length of fault, and the distance from the sound run at the end."""
+    u, y, truth = closed_loop(samples)
     design = dfc.design_pi_observer(AXIS, DT, encoder_quantum=QUANTUM)
-    sound = dfc.observe(design, u, y).y[:2]
-    # Usual errors of position and speed: of the sound run against the truth.
+    sound = design.run(u, y).y[:2]
     usual = np.quantile(np.abs(sound - truth[:2]), 0.999, axis=1)
-    bad, starts, lengths = faulty(y)
-    dfc.observe(design, u[:1000], bad[:1000])
-    begin = time.perf_counter()
-    hurt = dfc.observe(design, u, bad).y[:2]
-    took = time.perf_counter() - begin
+    rng, bad = np.random.default_rng(1), y.copy()
+    starts = np.arange(SPACING, y.size - 2 * SPACING, SPACING)
+    starts = starts + rng.integers(0, SPACING // 4, starts.size)
+    lengths = rng.choice(FAULTS, starts.size)
+    for start, length in zip(starts, lengths, strict=True):
+        bad[start : start + length] = y[start - 1]
+    apart = np.abs(design.run(u, bad).y[:2] - sound)
     found = []
     for length in FAULTS:
-        thrown, times, lost, unhurt = 0.0, [], 0, 0
         chosen = starts[lengths == length]
-        for a in chosen:
-            # a second, which ends before the next fault
-            window = slice(a + length, a + SPACING // 2 + length)
-            apart = np.abs(hurt[:, window] - sound[:, window])
-            thrown = max(
-                thrown, float(np.max(np.abs(hurt[0, a : window.stop] - sound[0, a : window.stop])))
-            )
-            late = np.flatnonzero((apart > usual[:, None]).any(axis=0))
-            if not late.size:
-                unhurt += 1
-            elif late[-1] == apart.shape[1] - 1:
-                lost += 1
-            else:
-                times.append(int(late[-1]) + 1)
+        # A second after each fault, which ends before the next.
+        windows = [np.arange(a + length, a + length + SPACING // 2) for a in chosen]
+        hurt = np.array([(apart[:, window] > usual[:, None]).any(axis=0) for window in windows])
+        times = np.array([np.flatnonzero(row)[-1] + 1 for row in hurt if row.any()])
+        thrown = max(
+            apart[0, a : window[-1]].max() for a, window in zip(chosen, windows, strict=True)
+        )
+        lost = times == SPACING // 2
+        quantiles = np.quantile(times[~lost], (0.5, 0.95, 1.0)) if np.any(~lost) else np.zeros(3)
         found.append(
             Recovery(
-                length, chosen.size, unhurt, thrown / QUANTUM,
-                *(np.quantile(times, (0.5, 0.95, 1.0)) if times else np.zeros(3)).tolist(), lost,
+                length, chosen.size, chosen.size - times.size, thrown / QUANTUM,
+                *quantiles.tolist(), int(lost.sum()),
             )
         )  # fmt: skip
-    return found, took, float(np.max(np.abs(hurt[:, -1] - sound[:, -1])))
+    return found, float(np.max(apart[:, -1]))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    """Print the three parts."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--samples", type=int, default=10_000_000)
     samples = parser.parse_args().samples
-    print(f"rest, {samples} samples of {DT:g} s")
     for hold in ("zero", "first"):
-        begin = time.perf_counter()
         drift, switches = rest_drift(samples, hold)
-        took = time.perf_counter() - begin
-        print(f"  hold {hold:6} drift {drift:g} m, {switches} switches, {took:.1f} s")
-
-    print("observer: faults of the encoder, recovery in samples")
-    print(
-        f"  {'fault':>5} {'count':>6} {'unhurt':>7} {'thrown':>9} {'median':>7} "
-        f"{'95 %':>5} {'most':>5} {'lost':>5}"
-    )
-    found, took, last = recoveries(samples)
+        print(f"rest, hold {hold:6} drift {drift:g} m, {switches} switches")
+    found, last = recoveries(samples)
+    print("observer  " + "".join(f"{name:>9}" for name in Recovery._fields))
     for one in found:
-        print(
-            f"  {one.length:>5} {one.count:>6} {one.unhurt:>7} {one.thrown:>5.0f} inc "
-            f"{one.median:>7.0f} {one.usually:>5.0f} {one.most:>5.0f} {one.lost:>5}"
-        )
-    print(f"  {1e9 * took / samples:.0f} ns a sample; at the end {last:g} from the sound run")
-
-    print("memory")
+        print("          " + "".join(f"{value:9.0f}" for value in one))
+    print(f"          at the end {last:g} from the sound run")
     u = 12.0 * np.sin(3e-3 * np.arange(samples))
     design = dfc.design_pi_observer(AXIS, DT, encoder_quantum=QUANTUM)
     y = AXIS.simulate(u, DT).y[0].copy()
+    few, plant = u[: max(1000, samples // 100)], AXIS.stepper(DT)
     for name, call in (
         ("simulate", lambda: AXIS.simulate(u, DT)),
-        ("observe", lambda: dfc.observe(design, u, y)),
+        ("run", lambda: design.run(u, y)),
     ):
         one = footprint(call)
-        print(
-            f"  {name:9} returns {one.returned / 2**20:.0f} MiB, {one.beyond / 2**20:.1f} MiB "
-            f"beyond at most while it runs"
-        )
-    few = u[: max(1000, samples // 100)]
-    plant = AXIS.stepper(DT)
-    print(f"  kept after 20 runs: {kept(lambda: AXIS.simulate(few, DT), 20)} bytes")
-    print(f"  kept after {few.size} steps by hand: {kept(lambda: plant.step(9.0), few.size)} bytes")
-    largest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"  largest size of the process {largest:.0f} MiB")
+        print(f"memory    {name:9} returns {one.returned:.3g} bytes, {one.beyond:.3g} beyond")
+    print(f"          kept after 20 runs: {kept(lambda: AXIS.simulate(few, DT), 20)} bytes")
+    print(f"          kept after {few.size} steps: {kept(lambda: plant.step(9.0), few.size)} bytes")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Break the core one place at a time and see whether the tests notice.
+"""Changes of the core, one place at a time, that no test notices (1 to 5 min a mutant).
 
 Run ``python benchmarks/mutation.py --mutants 60``.  The tree is copied to a scratch folder; there,
 one mutant at a time, a comparison, an operator, a sign, a number, a choice between the smaller and

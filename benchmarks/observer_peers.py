@@ -1,17 +1,13 @@
-"""What else estimates velocity and friction from drive and encoder: one step a peer.
+"""What else estimates velocity and friction from drive and encoder, for `observer.py`.
 
-Every peer is ``step(p, s, u, y, o)``, compiled: numbers p of the nominal axis (places
-below, its own from OWN on), memory s, drive u over the past sample, new reading y, and
-what it states o: position, velocity, friction while sliding, mode.  All use the reading of
-their own sample.  Nothing here imports the package.
+Every estimator is ``step(p, s, u, y, o)``, compiled: numbers p of the nominal axis (places below,
+its own from OWN on), memory s, drive u over the past sample, new reading y, and what it states
+o: position, velocity, friction while sliding, mode.  All use the reading of their own sample.
+Nothing here imports the package.
 
-Where they are described: extended state observer, Han 2009 (doi 10.1109/TIE.2008.2011621);
-disturbance observer, Ohnishi 1987; robust exact differentiator, Levant 2003
-(doi 10.1080/0020717031000099029); super-twisting observer, Davila, Fridman and Levant 2005
-(doi 10.1109/TAC.2005.858636); reduced-order friction observer, Ruderman
-(arXiv 2504.21316), here with a Dahl-shaped presliding slope; LuGre, Canudas de Wit et al.
-1995 (doi 10.1109/9.376053); interacting multiple models, Blom and Bar-Shalom 1988
-(doi 10.1109/9.1299).
+Sources: disturbance observer, Ohnishi 1987; robust exact differentiator, Levant 2003
+(doi 10.1080/0020717031000099029); LuGre, Canudas de Wit et al. 1995 (doi 10.1109/9.376053);
+interacting multiple models, Blom and Bar-Shalom 1988 (doi 10.1109/9.1299).
 """
 
 from __future__ import annotations
@@ -19,6 +15,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy.linalg
 from numba import njit
 
 #: Places of the nominal axis: sampling time, mass, viscous coefficient, increment, travel,
@@ -123,78 +120,6 @@ def levant(p, s, u, y, o):
     s[3] = kF * s[3] + (1 - kF) * (u - p[M] * s[2] - p[FV] * s[1])
     s[4] = kV * s[4] + (1 - kV) * s[1]
     o[0], o[1], o[2], o[3] = s[0], s[4], s[3], bandmode(p, s[4])
-
-
-@njit
-def stw(p, s, u, y, o):
-    """Super-twisting observer with a Coulomb model; own: L, filter time, velocity of the sign."""
-    dt, L = p[DT], p[OWN]
-    if s[9] == 0.0:
-        s[9] = 1.0
-        s[0] = y
-    n = 4
-    h = dt / n
-    mod = 0.0
-    inj = 0.0
-    for _ in range(n):
-        e = y - s[0]
-        si = 1.0 if s[1] > 0 else -1.0
-        mod = level(p, y, si) * math.tanh(s[1] / p[OWN + 2])
-        inj = 1.1 * L * sgn(e)
-        v = s[1]
-        s[0] += h * (v + 1.5 * math.sqrt(L * abs(e)) * sgn(e))
-        s[1] = (v + h * ((u - mod) / p[M] + inj)) / (1 + h * p[FV] / p[M])
-        k = math.exp(-h / p[OWN + 1])
-        s[2] = k * s[2] + (1 - k) * inj
-    o[0], o[1], o[2], o[3] = s[0], s[1], mod - p[M] * s[2], bandmode(p, s[1])
-
-
-@njit
-def hg(p, s, u, y, o):
-    """High-gain observer with a Coulomb model; own: epsilon, filter time, velocity of the sign."""
-    dt = p[DT]
-    if s[9] == 0.0:
-        s[9] = 1.0
-        s[0] = y
-    n = 4
-    h = dt / n
-    mod = 0.0
-    inj = 0.0
-    for _ in range(n):
-        e = y - s[0]
-        si = 1.0 if s[1] > 0 else -1.0
-        mod = level(p, y, si) * math.tanh(s[1] / p[OWN + 2])
-        inj = e / (p[OWN] * p[OWN])
-        v = s[1]
-        s[0] += h * (v + 2 * e / p[OWN])
-        s[1] = (v + h * ((u - mod) / p[M] + inj)) / (1 + h * p[FV] / p[M])
-        k = math.exp(-h / p[OWN + 1])
-        s[2] = k * s[2] + (1 - k) * inj
-    o[0], o[1], o[2], o[3] = s[0], s[1], mod - p[M] * s[2], bandmode(p, s[1])
-
-
-@njit
-def rud(p, s, u, y, o):
-    """Reduced-order observer of velocity and friction; own: two gains, presliding distance."""
-    dt, l1, l2 = p[DT], p[OWN], p[OWN + 1]
-    if s[9] == 0.0:
-        s[9] = 1.0
-        s[0], s[1] = -l1 * y, -l2 * y
-        s[2] = y
-    n = 8
-    h = dt / n
-    v = F = 0.0
-    for i in range(n):
-        yy = s[2] + (y - s[2]) * (i + 1) / n
-        v, F = s[0] + l1 * yy, s[1] + l2 * yy
-        sv = 1.0 if v > 0 else -1.0
-        Fc = level(p, y, sv)
-        slope = Fc / p[OWN + 2] * max(0.0, 1.0 - F * sv / Fc)
-        s[0] += h * ((u - F - p[FV] * v) / p[M] - l1 * v)
-        s[1] += h * (slope * v - l2 * v)
-    s[2] = y
-    v, F = s[0] + l1 * y, s[1] + l2 * y
-    o[0], o[1], o[2], o[3] = y, v, F, bandmode(p, v)
 
 
 @njit
@@ -366,7 +291,7 @@ def imm(p, s, u, y, o):
 
 @njit
 def run(kind, p, u, y, out):
-    """A whole record by the peer of a kind: rows position, velocity, friction, mode."""
+    """A whole record by the estimator of a kind: rows position, velocity, friction, mode."""
     s = np.zeros(MEMORY)
     o = np.zeros(4)
     for k in range(u.shape[0]):
@@ -380,14 +305,48 @@ def run(kind, p, u, y, out):
         elif kind == 3:
             levant(p, s, before, y[k], o)
         elif kind == 4:
-            stw(p, s, before, y[k], o)
-        elif kind == 5:
-            hg(p, s, before, y[k], o)
-        elif kind == 6:
-            rud(p, s, before, y[k], o)
-        elif kind == 7:
             ekf(p, s, before, y[k], o)
         else:
             imm(p, s, before, y[k], o)
         out[0, k], out[1, k], out[3, k] = o[0], o[1], o[3]
         out[2, k] = u[k] if o[3] == 0.0 else o[2]
+
+
+#: Kinds in the order of `run`.
+KINDS = ("difference", "linear", "disturbance", "levant", "lugre", "imm")
+
+
+def estimates(kind, axis, dt, quantum, band, own, u, y):
+    """Rows position, velocity, friction, mode of an estimator on a nominal axis.
+
+    `band` is the velocity below which it states rest, `own` its own numbers.
+    """
+    p, out = np.zeros(SIZE), np.empty((4, u.size))
+    p[[DT, M, FV, Q, BAND]] = dt, axis.mass, axis.viscous, quantum, band
+    p[[LO, HI]] = axis.travel or (-1e9, 1e9)
+    for place, levels in ((CP, axis.coulomb.plus), (CM, axis.coulomb.minus)):
+        p[place : place + len(levels)] = levels
+    p[OWN : OWN + len(own)] = own
+    with np.errstate(all="ignore"):
+        run(KINDS.index(kind), p, np.ascontiguousarray(u), np.ascontiguousarray(y), out)
+    return np.nan_to_num(out, nan=1e9, posinf=1e9, neginf=-1e9)
+
+
+def linear(axis, dt, gains):
+    """Numbers of kind "linear": the exactly sampled sliding mode, and gains of its correction."""
+    rate = axis.viscous / axis.mass
+    fade = math.exp(-rate * dt)
+    a12 = -math.expm1(-rate * dt) / rate
+    return a12, fade, (dt - a12) / axis.viscous, a12 / axis.mass, *gains
+
+
+def kalman(axis, dt, quantum, walk):
+    """The same for a stationary Kalman filter: rounding by `quantum` [m], `walk` [N/sample]."""
+    noise = quantum / math.sqrt(12.0)
+    a12, a22, e1, e2 = linear(axis, dt, ())
+    # Scaled, as in SI units the Riccati equation is badly conditioned.
+    unit = np.array([noise, noise / dt, noise / dt**2 * axis.mass])
+    scaled = np.array([[1.0, a12, e1], [0.0, a22, e2], [0.0, 0.0, 1.0]]) * unit / unit[:, None]
+    noises = np.diag([0.0, 0.0, (walk / unit[2]) ** 2])
+    P = scipy.linalg.solve_discrete_are(scaled.T, np.eye(3)[:, :1], noises, np.eye(1))
+    return a12, a22, e1, e2, *(P[:, 0] / (P[0, 0] + 1.0) * unit / unit[0])

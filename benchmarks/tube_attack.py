@@ -1,10 +1,15 @@
-"""Attack on the tracking tube: which axis within the mismatch leaves it?
+"""Attack on the certificates of compensated loops: which axis breaks what they state?
 
 Run ``python benchmarks/tube_attack.py --plants 5000``.  Each design is drawn at random (mass,
 delay, encoder, mismatch, Stribeck peak, levels by direction); its plants lie at the corners of the
 mismatch, its moves reach from 0.3 mm to 100 mm and from crawling to fast, their reversals are
 2 to 60 loop time constants apart.  A coordinate search starts from the worst plant of each design.
 Prints the largest error over its tube, and exits with 1 if one is beyond 1.
+
+``--effects 100`` draws that many designs for each effect of the package, half of them with another
+effect beside it and a third without any mismatch.  Each is run as the nominal axis and within the
+mismatch.  Beside the tube it tries the drive that the certificate says is needed, rest without
+hunting, and nine tenths of the delay margin.
 """
 
 from __future__ import annotations
@@ -12,6 +17,9 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+import warnings
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +27,8 @@ import numpy as np
 import dryfric_control as dfc
 
 DT = 1e-3
+#: Time at rest within which a loop that does not hunt has come to rest [s].
+_REST = 8.0
 
 
 @dataclass(frozen=True)
@@ -83,10 +93,15 @@ def plant(comp: dfc.Compensation, case: Case) -> dfc.FrictionAxis:
 
 def move(comp: dfc.Compensation, case: Case) -> dfc.MotionProfile:
     """The reference of a case: back and forth, at most ten seconds."""
+    return move_within(case, comp.certificate.tube, comp.bandwidth)
+
+
+def move_within(case: Case, error: float, bandwidth: float) -> dfc.MotionProfile:
+    """The reference of a case, for a loop with errors of about this size."""
     rng = np.random.default_rng(case.seed)
-    span = comp.certificate.tube * comp.bandwidth  # what the loop makes good in its time constant
+    span = error * bandwidth  # what the loop makes good in its time constant
     velocity = max(case.pace * span, case.way / 5.0)
-    duration = max(case.apart / comp.bandwidth, case.way / velocity)
+    duration = max(case.apart / bandwidth, case.way / velocity)
     acceleration = 8.0 * velocity / duration
     points = [0.0, *((-1.0) ** i * 0.5 * case.way * rng.uniform(0.5, 1.0) for i in range(3))]
     return dfc.motion_profile(
@@ -95,7 +110,7 @@ def move(comp: dfc.Compensation, case: Case) -> dfc.MotionProfile:
         velocity=velocity,
         acceleration=acceleration,
         jerk=16.0 * acceleration / duration,
-        dwell=float(rng.choice([0.0, 2.0 / comp.bandwidth, 0.3])),
+        dwell=float(rng.choice([0.0, 2.0 / bandwidth, 0.3])),
     )
 
 
@@ -152,13 +167,207 @@ def attack(seed: int, plants: int) -> tuple[float, Case, dfc.Compensation]:
     return worst, case, comp
 
 
+def drawn_effect(slug: str, axis: dfc.FrictionAxis, rng: np.random.Generator) -> dfc.effects.Effect:
+    """An effect of a size that matters on an axis."""
+    level, fx = axis.coulomb.mean, dfc.effects
+
+    def part(low: float, high: float) -> float:
+        return level * rng.uniform(low, high)
+
+    def decade(low: float, high: float) -> float:
+        return float(10.0 ** rng.uniform(low, high))
+
+    phase = rng.uniform(-np.pi, np.pi)
+    made = {
+        "bias_force": lambda: fx.BiasForce(part(-2.0, 2.0)),
+        "viscous_asymmetry": lambda: fx.ViscousAsymmetry(axis.viscous * rng.uniform(-0.8, 0.8)),
+        "quadratic_drag": lambda: fx.QuadraticDrag(level * decade(0.0, 2.0)),
+        "spring": lambda: fx.Spring(level * decade(0.0, 2.5), rng.uniform(-0.05, 0.05)),
+        "gravity": lambda: fx.Gravity(part(0.0, 3.0), phase),
+        "cogging": lambda: fx.Cogging(level * decade(-1.5, 0.0), decade(-3.3, -1.3), phase),
+        "time_periodic": lambda: fx.TimePeriodic(
+            level * decade(-1.5, 0.7), decade(-1.0, 2.5), phase
+        ),
+        "end_stop": lambda: fx.EndStop(
+            -decade(-3.0, -1.0), decade(-3.0, -1.0), level * decade(1.0, 3.0),
+            axis.viscous * rng.uniform(0.0, 2.0) * (rng.random() < 0.5),
+        ),
+        "coulomb_asymmetry": lambda: fx.CoulombAsymmetry(part(-0.5, 0.5)),
+        "position_dependence": lambda: fx.PositionDependence(
+            rng.uniform(-5.0, 5.0), rng.uniform(-20.0, 20.0)
+        ),
+        "load_dependence": lambda: fx.LoadDependence(rng.uniform(0.0, 0.6)),
+        "load_asymmetry": lambda: fx.LoadAsymmetry(rng.uniform(-0.4, 0.4)),
+        "stribeck_asymmetry": lambda: fx.StribeckAsymmetry(
+            rng.uniform(-0.5, 0.5), decade(-3.0, -1.5)
+        ),
+        "velocity_strengthening": lambda: fx.VelocityStrengthening(
+            rng.uniform(0.0, 0.9), decade(-3.0, -1.0)
+        ),
+        "warm_up": lambda: fx.WarmUp(rng.uniform(-0.5, 1.0), decade(-1.0, 2.0)),
+        "drift": lambda: fx.Drift(rng.uniform(-0.05, 0.2)),
+        "dwell_time": lambda: fx.DwellTime(part(0.0, 1.0), decade(-2.5, 0.5)),
+        "input_gain": lambda: fx.InputGain(rng.uniform(0.4, 2.5)),
+        "dead_zone": lambda: fx.DeadZone(part(0.0, 1.0)),
+        "saturation": lambda: fx.Saturation(part(1.7, 8.0)),
+        "input_delay": lambda: fx.InputDelay(rng.uniform(0.0, 6.0) * DT),
+        "actuator_lag": lambda: fx.ActuatorLag(rng.uniform(0.0, 5.0) * DT),
+        "eccentric_encoder": lambda: fx.EccentricEncoder(decade(-6.0, -4.0), 0.02, phase),
+        "presliding": lambda: fx.Presliding(decade(-6.0, -4.0)),
+        "backlash": lambda: fx.Backlash(decade(-6.0, -4.0), rng.uniform(0.1, 0.6)),
+    }  # fmt: skip
+    return made[slug]()
+
+
+#: Effects that `drawn_effect` knows; the last three have no bounds.
+EFFECTS = (
+    "bias_force", "viscous_asymmetry", "quadratic_drag", "spring", "gravity", "cogging",
+    "time_periodic", "end_stop", "coulomb_asymmetry", "position_dependence", "load_dependence",
+    "load_asymmetry", "stribeck_asymmetry", "velocity_strengthening", "warm_up", "drift",
+    "dwell_time", "input_gain", "dead_zone", "saturation", "input_delay", "actuator_lag",
+    "eccentric_encoder", "presliding", "backlash",
+)  # fmt: skip
+
+
+def design_with(slug: str, seed: int) -> dfc.Compensation | None:
+    """A design whose axis has an effect; None if such an axis cannot be designed for."""
+    rng = np.random.default_rng([69, EFFECTS.index(slug), seed])
+    plain = designs(seed)
+    found = [drawn_effect(slug, plain.axis, rng)]
+    if rng.random() < 0.5:
+        other = str(rng.choice([one for one in EFFECTS if one != slug]))
+        found.append(drawn_effect(other, plain.axis, rng))
+    travel = (-0.12, 0.12) if rng.random() < 0.7 else None
+    mismatch = 0.0 if rng.random() < 0.33 else plain.mismatch
+    try:
+        axis = plain.axis.replace(effects=tuple(found), travel=travel)
+        return dfc.design_compensation(
+            axis, DT, plain.encoder_quantum, plain.input_delay, mismatch=mismatch, law=plain.law
+        )
+    except ValueError:
+        return None
+
+
+def plant_with(comp: dfc.Compensation, case: Case) -> dfc.FrictionAxis:
+    """The axis of a case with the effects of the design's."""
+    bare = plant(comp, case)
+    late = sum(one.delay for one in bare.effects)
+    own = [one for one in comp.axis.effects if one.slug != "input_delay"]
+    late += sum(one.delay for one in comp.axis.effects if one.slug == "input_delay")
+    return bare.replace(effects=(*own, dfc.effects.InputDelay(late)) if late > 0.0 else tuple(own))
+
+
+def nominal(case: Case) -> Case:
+    """The same move of the nominal axis."""
+    return replace(
+        case, mass=0.0, viscous=0.0, plus=0.0, minus=0.0, excess=0.0, stribeck=0.0, delay=0.0
+    )
+
+
+def reference_of(comp: dfc.Compensation, case: Case, rest: float = 0.0) -> dfc.MotionProfile:
+    """The move of a case, also where no tube is certified, and a rest [s] after it."""
+    error = comp.certificate.nominal.l1 * comp.axis.coulomb.mean
+    rows = move_within(case, error, comp.bandwidth).rows
+    still = np.zeros((3, round(rest / DT)))
+    still[0] = rows[0, -1]
+    return dfc.MotionProfile(DT, *np.hstack([rows, still]))
+
+
+def broken(comp: dfc.Compensation, case: Case, rest: float) -> Iterator[tuple[str, float]]:
+    """What the simulation gives of a move, each over what the certificate states."""
+    reference = reference_of(comp, case, rest)
+    certificate = comp.certify(reference=reference)
+    try:
+        run = dfc.simulate_loop(
+            plant_with(comp, case), comp.controller, reference, quantum=comp.encoder_quantum
+        )
+    except ValueError:  # an axis that no simulation can follow, such as one of a huge drag
+        yield "not simulated", 0.0
+        return
+    if math.isfinite(certificate.tube):
+        yield "tube", float(np.abs(reference.position - run.y[0]).max()) / certificate.tube
+        if not any(one.action == "input" for one in comp.axis.effects):
+            yield "drive", float(np.abs(run.y[4]).max()) / certificate.drive_needed
+    if certificate.no_hunting and rest > 0.0:
+        late = run.y[:, -round(1.0 / DT) :]
+        yield "rest", 2.0 * bool(np.any(late[3]) or np.ptp(late[4]) > 1e-9 * np.abs(late[4]).max())
+
+
+def diverges(comp: dfc.Compensation, case: Case) -> bool:
+    """Whether the nominal axis diverges at nine tenths of the delay margin."""
+    late = dfc.effects.InputDelay(0.9 * comp.certificate.delay_margin)
+    own = [one for one in comp.axis.effects if one.slug != "input_delay"]
+    known = sum(one.delay for one in comp.axis.effects if one.slug == "input_delay")
+    axis = comp.axis.replace(effects=(*own, replace(late, delay=late.delay + known)))
+    reference = reference_of(comp, case)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        dfc.simulate_loop(axis, comp.controller, reference, quantum=comp.encoder_quantum)
+    return any("diverges" in str(one.message) for one in caught)
+
+
+def attack_effect(slug: str, count: int, first: int, each: int) -> Counter[str]:
+    """Cases, certified ones and broken statements of designs with an effect."""
+    told: Counter[str] = Counter()
+    for seed in range(first, first + count):
+        comp = design_with(slug, seed)
+        if comp is None:
+            told["not designed"] += 1
+            continue
+        rng = np.random.default_rng([seed, 70])
+        told["designs"] += 1
+        told["slow tubes"] += math.isfinite(comp.certificate.tube)
+        case, worst = drawn(rng), -1.0
+        names = tuple(Case.__annotations__)
+        for k in range(each):
+            # The first half drawn, the nominal axis and one within the mismatch by turns.
+            tried = drawn(rng) if k < (each + 1) // 2 else near(case, names[k % len(names)], rng)
+            tried = nominal(tried) if k % 2 == 0 else tried
+            told["cases"] += 1
+            for what, ratio in broken(comp, tried, _REST if k < 2 else 0.0):
+                told[what] += 1
+                told[f"{what} BROKEN"] += ratio > 1.0
+                if ratio > 1.0:
+                    print(f"  {slug} {seed}: {what} {ratio:.3g}, {comp.axis.effects}, {tried}")
+                if what == "tube" and ratio > worst:
+                    worst, case = ratio, tried
+        if comp.certificate.delay_margin > 0.0:
+            told["margin"] += 1
+            bad = diverges(comp, nominal(case))
+            told["margin BROKEN"] += bad
+            if bad:
+                print(f"  {slug} {seed}: margin, {comp.axis.effects}, {case}")
+        told["worst [%]"] = max(told["worst [%]"], round(100.0 * worst))
+    return told
+
+
+def attack_effects(given: argparse.Namespace) -> int:
+    """Attack designs with each effect; how many statements were broken."""
+    total: Counter[str] = Counter()
+    for slug in given.only or EFFECTS:
+        told = attack_effect(slug, given.effects, given.first, given.each)
+        total += told
+        print(f"{slug:24s}", ", ".join(f"{what} {n}" for what, n in told.items() if n), flush=True)
+    broken_ones = sum(n for what, n in total.items() if "BROKEN" in what)
+    counted = ", ".join(
+        f"{total[what]} {what}" for what in ("designs", "cases", "tube", "drive", "rest", "margin")
+    )
+    print(f"all: {counted}; {broken_ones} broken")
+    return broken_ones
+
+
 def main() -> None:
     """Read the command line and attack."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--plants", type=int, default=5000)
     parser.add_argument("--each", type=int, default=50, help="plants of one design")
     parser.add_argument("--first", type=int, default=0, help="seed of the first design")
+    parser.add_argument("--effects", type=int, help="designs for each effect")
+    parser.add_argument("--only", nargs="*", choices=EFFECTS, help="effects to attack")
     given = parser.parse_args()
+    if given.effects:
+        warnings.simplefilter("ignore")
+        sys.exit(attack_effects(given) > 0)
     ratios = []
     for seed in range(given.first, given.first + math.ceil(given.plants / given.each)):
         if not math.isfinite(designs(seed).certificate.tube):

@@ -47,6 +47,7 @@ from dryfric_control.model.state_machine import plot_state_machine as plot_state
 from dryfric_control.observer import CertificateError as CertificateError
 from dryfric_control.observer import ObserverDesign as ObserverDesign
 from dryfric_control.observer import design_pi_observer as design_pi_observer
+from dryfric_control.observer import extended_state_observer as extended_state_observer
 from dryfric_control.observer import hybrid_filter as hybrid_filter
 from dryfric_control.observer import monte_carlo as monte_carlo
 from dryfric_control.observer import observe as observe

@@ -27,10 +27,10 @@ from dryfric_control.export.fmu import export_fmu
 from dryfric_control.export.objects import exported
 from dryfric_control.identification import Fit
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.observer import ObserverDesign
+from dryfric_control.observer import ExtendedStateObserver, HybridFilter, ObserverDesign
 from dryfric_control.records import Record, Scaling, read_record
 from dryfric_control.records.scaling import read_sampling
-from dryfric_control.simulators.mujoco_file import axes_of
+from dryfric_control.simulators.mujoco_model import axes_of
 from dryfric_control.store.axis_file import read_axes, read_axis, read_knowledge
 from dryfric_control.store.files import existing_folder, output_folder, write_file
 from dryfric_control.store.saved import load_any
@@ -83,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(required=True, metavar="{demo,diagnose,joints,export,simulator}")
 
     def command(
-        run: Callable[[Namespace], None], words: str, more: str, *options: tuple[Any, ...]
+        run: Callable[[Namespace], int | None], words: str, more: str, *options: tuple[Any, ...]
     ) -> None:
         """One with options: name, type (None for a switch), placeholder, meaning, settings."""
         made = commands.add_parser(run.__name__[1:], help=words, description=more or None)
@@ -238,7 +238,7 @@ _READING = (
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line: 0, 2 after an error of the user's, 130 after an interrupt."""
+    """Run the command line: 0, 1 where a joint failed, 2 after an error, 130 after an interrupt."""
     chosen, unknown = parser().parse_known_args(arguments)
     if unknown:
         near = did_you_mean(unknown[0], chosen.own._option_string_actions)
@@ -247,14 +247,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.showwarning = lambda message, *_, **__: _say(f"warning: {message}")
         matplotlib.use("Agg")
         try:
-            chosen.run(chosen)
+            return chosen.run(chosen) or 0
         except (ValueError, OSError, ImportError) as problem:
             _say(str(problem))
             return 2
         except KeyboardInterrupt:
             _say("interrupted")
             return 130
-    return 0
 
 
 def _say(words: str) -> None:
@@ -327,7 +326,7 @@ def _diagnose(chosen: Namespace) -> None:
     print(f"report.html, report.png, diagnosis.json, extended.toml and saved.json are in {folder}")
 
 
-def _joints(chosen: Namespace) -> None:
+def _joints(chosen: Namespace) -> int:
     model = chosen.model and Path(chosen.model)
     if model and model.suffix.lower() not in (".xml", ".urdf"):
         raise ValueError(f"--model {model} must be an MJCF (.xml) or URDF (.urdf) file")
@@ -338,16 +337,22 @@ def _joints(chosen: Namespace) -> None:
     for name in chosen.joints or ():
         if name not in axes:
             raise ValueError(f"--joints {name} is not there{did_you_mean(name, axes)}")
-    cases = {}
+    cases, refused = {}, {}
     for name in chosen.joints or axes:
         axis = axes[name]
         options = {"gain": scaling, "joint": name, "name": name, **sampling}
-        records = _read_records(chosen, axis, f", {name}", **options)
+        try:
+            records = _read_records(chosen, axis, f", {name}", **options)
+        except ValueError as problem:
+            refused[name] = problem
+            continue
         if axis.coulomb.mean == 0.0:  # a model that nobody has given any friction
             guess = _GUESS * float(abs(records[0].u).max())
             print(f"{name}: the model has no friction: {guess:.3g} {axis.units[1]} to start with")
             axis = axis.replace(coulomb=guess)
         cases[name] = axis, records
+    if not cases:
+        raise next(iter(refused.values()))
     folder = output_folder(chosen.out)
     found = diagnose_joints(
         cases,
@@ -356,6 +361,7 @@ def _joints(chosen: Namespace) -> None:
         progress=not chosen.quiet and sys.stderr.isatty(),
         **knowledge,
     )
+    found.failed.update({name: str(problem) for name, problem in refused.items()})
     print(found.summary(), flush=True)
     write_file(folder / "joints.json", json.dumps(found.to_dict(), indent=1))
     if model:
@@ -366,6 +372,9 @@ def _joints(chosen: Namespace) -> None:
     for name, one in found.items():
         write_report(one, folder / name, scaling.to_dict() | sampling)
     print(f"joints.json and a report for each joint are in {folder}")
+    if found.failed:
+        _say(f"not diagnosed: {', '.join(found.failed)}; the table and joints.json say why")
+    return 1 if found.failed else 0
 
 
 def _export(chosen: Namespace) -> None:
@@ -377,7 +386,8 @@ def _export(chosen: Namespace) -> None:
         "can not be exported: give an axis (TOML), or what `save` wrote of an observer design or "
         "a compensation (JSON)"
     )
-    obj = load_any(chosen.file, (ObserverDesign, Compensation), mend)
+    kinds = (ObserverDesign, HybridFilter, ExtendedStateObserver, Compensation)
+    obj = load_any(chosen.file, kinds, mend)
     if chosen.to == "c":
         files = export_c(obj, chosen.out, **given)
     else:

@@ -33,9 +33,11 @@ _ANGLES = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": _DEGREE, "degree": _DE
            "degrees": _DEGREE, "°": _DEGREE, "arcmin": _DEGREE / 60, "arcsec": _DEGREE / 3600,
            "rev": _TURN, "revs": _TURN, "turn": _TURN, "turns": _TURN}  # fmt: skip
 _FORCES = {"N": 1.0, "uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "kN": 1e3, "MN": 1e6, "lbf": _POUND,
-           "lb": _POUND, "ozf": _POUND / 16, "kgf": 9.80665, "gf": 9.80665e-3}  # fmt: skip
+           "lb": _POUND, "kip": 1e3 * _POUND, "klbf": 1e3 * _POUND, "ozf": _POUND / 16,
+           "oz": _POUND / 16, "kgf": 9.80665, "gf": 9.80665e-3}  # fmt: skip
 _TIMES = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
-          "us": 1e-6, "usec": 1e-6, "ns": 1e-9, "min": 60.0}  # fmt: skip
+          "us": 1e-6, "usec": 1e-6, "ns": 1e-9, "nsec": 1e-9, "100 ns": 1e-7,
+          "min": 60.0}  # fmt: skip
 _TABLE: dict[str, Unit] = {
     **{k: Unit(f, "s", "time") for k, f in _TIMES.items()},
     **{k: Unit(f, "m", "length") for k, f in _LENGTHS.items()},
@@ -43,9 +45,11 @@ _TABLE: dict[str, Unit] = {
     **{k: Unit(f, "N", "force") for k, f in _FORCES.items()},
     **{f"{a}{b}": Unit(_FORCES[a] * _LENGTHS[b], "N m", "torque") for a, b in (
         ("N", "m"), ("N", "cm"), ("N", "mm"), ("mN", "m"), ("uN", "m"), ("kN", "m"), ("lbf", "in"),
-        ("lbf", "ft"), ("lb", "in"), ("lb", "ft"), ("ozf", "in"), ("kgf", "cm"), ("kgf", "m"))},
+        ("lbf", "ft"), ("lb", "in"), ("lb", "ft"), ("ozf", "in"), ("oz", "in"),
+        ("kip", "in"), ("kip", "ft"), ("kgf", "cm"), ("kgf", "m"), ("gf", "cm"))},
     **{f"{b}{a}": Unit(_FORCES[a] * _LENGTHS[b], "N m", "torque") for a, b in (
-        ("lbf", "in"), ("lbf", "ft"), ("lb", "in"), ("lb", "ft"), ("ozf", "in"))},
+        ("lbf", "in"), ("lbf", "ft"), ("lb", "in"), ("lb", "ft"), ("ozf", "in"), ("oz", "in"),
+        ("kip", "in"), ("kip", "ft"))},
     **{k: Unit(f, "V", "voltage") for k, f in {"V": 1.0, "mV": 1e-3, "kV": 1e3}.items()},
     **{k: Unit(f, "A", "current") for k, f in {"A": 1.0, "mA": 1e-3, "uA": 1e-6}.items()},
     **{k: Unit(f, "Pa", "pressure") for k, f in {
@@ -65,7 +69,7 @@ _TABLE: dict[str, Unit] = {
     **dict.fromkeys(("counts", "count", "cnt", "cnts", "cts", "inc", "incs", "increments", "ticks",
                      "tick", "LSB", "lsb", "digits", "pulses"), Unit(1.0, "counts", "raw")),
     **dict.fromkeys(("%", "percent"), Unit(1.0, "%", "raw")),
-    **dict.fromkeys(("‰", "permille"), Unit(0.1, "%", "raw")),
+    **dict.fromkeys(("‰", "permille", "0.1 %", "0.1%"), Unit(0.1, "%", "raw")),
     **dict.fromkeys(("pu", "p.u."), Unit(100.0, "%", "raw")),
 }  # fmt: skip
 
@@ -91,7 +95,12 @@ _USUAL = {
 def known_unit(unit: str) -> Unit | None:
     """The unit of a name, None for a name that is not known."""
     text = unit.strip().replace("µ", "u").replace("μ", "u")
-    return _TABLE.get(text) or _TABLE.get(re.sub(r"[\s·⋅*.-]", "", text))
+    found = _TABLE.get(text)
+    if found is None:
+        # Only a product or a quotient has marks in it: "m rad" is not "mrad".
+        joined = _TABLE.get(re.sub(r"[\s·⋅*.-]", "", text))
+        found = joined if joined and (joined.kind == "torque" or "/" in joined.si) else None
+    return found
 
 
 def si_unit(role: str, unit: str) -> tuple[float, str]:

@@ -4,6 +4,7 @@ A reader may take a damaged file, if what it returns is sound, or refuse it
 with a ValueError that says something.  Anything else is a find.
 """
 
+import contextlib
 import gzip
 import importlib.util
 import io
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
+import log_files
 import numpy as np
 from hypothesis import strategies as st
 from scipy.io import savemat
@@ -197,10 +199,34 @@ def sound_files(folder: Path) -> dict[str, list[bytes]]:
         ],
         "axes": [b"".join(b"[%s]\n%s" % (name, numbers) for name in (b"elbow", b"wrist"))],
         **_MODELS,
+        **log_contents(folder),
         "design": [_written(folder, "observer.json", lambda p: design.save(str(p)))],
         "bam": [bam_log()],
     }  # fmt: skip
     return {kind: contents for kind, contents in files.items() if contents}
+
+
+def log_contents(folder: Path) -> dict[str, list[bytes]]:
+    """Logs of the formats of the field; none of those without the library."""
+    makers: dict[str, list[Callable[[Path], Path]]] = {
+        "mdf": [log_files.mdf],
+        "tdms": [log_files.tdms, log_files.tdms_with_times],
+        "mat73": [log_files.mat73, log_files.mat73_of_dspace],
+        "ros1": [log_files.ros1],
+        "ros2": [lambda f: next(log_files.ros2(f).glob("*.db3"))],
+        "blf": [log_files.can_log],
+        "asc": [lambda f: log_files.can_log(f, "run.asc"), log_files.asc_with_relative_stamps],
+        "trc": [lambda f: log_files.can_log(f, "run.trc")],
+        "candump": [lambda f: log_files.can_log(f, "run.log")],
+        "ulog": [log_files.ulog],
+    }
+    found: dict[str, list[bytes]] = {}
+    for kind, several in makers.items():
+        inner = folder / f"sound_{kind}"
+        inner.mkdir(exist_ok=True)
+        with contextlib.suppress(ImportError):
+            found[kind] = [make(inner).read_bytes() for make in several]
+    return found
 
 
 # ----------------------------------------------------------------- damage
@@ -289,6 +315,20 @@ def _bridged(path: Path) -> dfc.Record:
     )
 
 
+def _log(path: Path) -> dfc.Record:
+    """A log of the field, of a bus by its database, of a robot by a joint."""
+    how: dict[str, Any] = {}
+    if path.suffix in (".blf", ".asc", ".trc", ".log"):
+        how = {"database": log_files.database(path.parent)}
+    elif path.suffix in (".bag", ".db3"):
+        how = {"joint": "b"}
+    return dfc.read_record(path, dt=1e-3, **how)
+
+
+LOGS = {"mdf": ".mf4", "tdms": ".tdms", "ros1": ".bag", "ros2": ".db3", "blf": ".blf",
+        "asc": ".asc", "trc": ".trc", "candump": ".log", "ulog": ".ulg"}  # fmt: skip
+
+
 def _record_sound(record: dfc.Record) -> bool:
     channels = [record.t, record.u, record.x]
     channels += [] if record.reference is None else [record.reference]
@@ -353,6 +393,8 @@ PLAIN = {"csv": ".csv", "mat": ".mat", "gz": ".csv.gz", "xlsx": ".xlsx", "parque
          "mcap": ".mcap", "arrays": ".npz", "array": ".npy"}  # fmt: skip
 READERS = {
     **{kind: Reader(suffix, dfc.read_record, _record_sound) for kind, suffix in PLAIN.items()},
+    "mat73": Reader(".mat", dfc.read_record, _record_sound),
+    **{kind: Reader(suffix, _log, _record_sound) for kind, suffix in LOGS.items()},
     "column": Reader(".t", lambda p: dfc.read_record({"t": T, "u": U, "x": p}), _record_sound),
     "fit": Reader(".json", dfc.Fit.load, lambda fit: len(fit.summary()) > 0),
     "log": Reader(".csv", _bridged, _record_sound),

@@ -33,7 +33,8 @@ from dryfric_control.estimation import windows
 from dryfric_control.model import loops
 from dryfric_control.model.axis import AxisStepper
 from dryfric_control.model.effects.effect import REGISTRY
-from dryfric_control.observer import runtime, synthesis
+from dryfric_control.observer import synthesis
+from dryfric_control.observer.base import Kernel
 
 DT = 1e-3
 NAN, INF = math.nan, math.inf
@@ -525,7 +526,7 @@ rows(
     ("design_pi_observer", dict(performance=Each((1.0, 2.0), 3.0)), "three weights"),
     ("design_pi_observer", dict(performance=(0.0, 0.0, 0.0)), "not all zero"),
     ("design_pi_observer", dict(performance=(1.0, -1.0, 0.0)), NOT_NEGATIVE),
-    ("design_pi_observer", dict(window=2), "'path' or 'dwell'"),
+    ("design_pi_observer", dict(window=2), "use 'path'"),
     ("design_pi_observer", dict(method="path", window=Each(0, 65)), "1 to 64", "window"),
     ("design_pi_observer", dict(refine=-1), "at least 0"),
     ("design_pi_observer", dict(method="paper", refine=1), "0 for 'paper'", "refine"),
@@ -783,10 +784,11 @@ def no_work(patch: pytest.MonkeyPatch) -> Iterator[None]:
     with patch.context() as here:
         for room, name in (
             (axis_step, "run"), (axis_step, "step"), (loops.kernel, "run_loop"),
-            (windows, "free_runs"), (runtime.kernel, "run"), (synthesis, "certified_solution"),
+            (windows, "free_runs"), (synthesis, "certified_solution"),
             (joblib.Parallel, "__call__"),
         ):  # fmt: skip
             here.setattr(room, name, refuse)
+        here.setattr(dfc.ObserverDesign, "sample_kernel", Kernel(refuse, refuse))
         yield
 
 

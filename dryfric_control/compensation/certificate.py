@@ -10,10 +10,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.ndimage import minimum_filter1d
 from scipy.signal import lfilter, oaconvolve
 
 from dryfric_control.arrays import Floats
+from dryfric_control.compensation.laws import (
+    ANYWHERE,
+    Change,
+    Laws,
+    Reach,
+    at_rest,
+    laws_of,
+    uncovered,
+)
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.profiles import MotionProfile
@@ -34,8 +42,12 @@ _FADED = 1e-6
 _LONGEST = 200_000
 #: Largest delay margin that is searched for [samples].
 _LATEST = 200
-#: Places, times and times at rest at which the axis' own laws are read.
-_PLACES, _TIMES = 401, (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+#: Largest number of passes in which errors and the laws that they reach settle.
+_REPEATS = 60
+#: Part of a tube that is not finite as laws and error make each other grow.
+_GROWS = "effects that grow with the error"
+#: Bounds for which the laws are read, over those of the pass before.
+_MARGIN = 1.02
 #: Tolerances by which an axis may rest beside the place that the drive is held for.
 _BESIDE = 10.0
 
@@ -50,6 +62,19 @@ class LoopGains(NamedTuple):
     reading: float  # largest error for reading errors of 1 m [1]
     reading_speed: float  # largest velocity of the error for them [1/s]
     reading_drive: float  # largest drive for them [N/m]
+
+
+class LawSlopes(NamedTuple):
+    """Largest slopes of force effects and friction level over their arguments."""
+
+    place: float  # [N/m]
+    speed: float  # [N s/m]
+    load: float  # [1]
+
+    def loop_gain(self, gains: LoopGains) -> float:
+        """Gain of the loop through the laws: below 1 they cannot make a stable loop unstable."""
+        rows = ((self.place, gains.l1), (self.speed, gains.speed), (self.load, gains.drive))
+        return sum(slope * gain for slope, gain in rows if slope > 0.0)
 
 
 class Condition(NamedTuple):
@@ -95,6 +120,11 @@ class TrackingCertificate(Result):
     friction_most: float = stated("The same, stuck or against the reference [N].", 0.0)
     known: tuple[str, ...] = stated("Effects that it takes as they are.", ())
     reasons: tuple[str, ...] = stated("Why no finite tube holds, and what to change.", ())
+    uncovered: tuple[str, ...] = stated(
+        "Effects without bounds, with which it states nothing: the tube is infinite, no_hunting "
+        "False, the delay margin 0.",
+        (),
+    )
 
     @property
     def no_hunting(self) -> bool:
@@ -118,10 +148,13 @@ class TrackingCertificate(Result):
         )
         if self.known:
             yield f"known  taken to be as the nominal axis has them: {', '.join(self.known)}"
-        yield (
-            f"delay  the nominal loop is stable for a drive delay of less than "
-            f"{1e3 * self.delay_margin:.3g} ms beyond that of the axis"
-        )
+        if self.uncovered:
+            yield f"delay  no margin, not covered: {', '.join(self.uncovered)}"
+        else:
+            yield (
+                f"delay  the nominal loop is stable for a drive delay of less than "
+                f"{1e3 * self.delay_margin:.3g} ms beyond that of the axis"
+            )
         if math.isfinite(self.limit):
             yield (
                 f"drive  up to {self.drive_needed:.4g} {force} may be needed, the limit is "
@@ -230,13 +263,18 @@ def loop_gains(radius: float, responses: Floats) -> LoopGains:
     return LoopGains(radius, *(float(one) for one in np.abs(responses).sum(axis=0).T.ravel()))
 
 
-def delay_margin(comp: Compensation) -> float:
+def delay_margin(comp: Compensation, slopes: LawSlopes) -> float:
     """Delay beyond the nominal one below which the linear loop is stable, at most 200 samples."""
+    # With the axis' own laws, anywhere within the bounds of their slopes (small-gain theorem).
     axis, most = comp.rigid_axis, _LATEST * comp.dt
 
     def stable(delay: float) -> bool:
-        A, _ = loop_matrices(comp, axis.mass, axis.viscous, comp.drive_delay + delay)
-        return spectral_radius(A) < 1.0
+        late = comp.drive_delay + delay
+        if not any(slopes):
+            A, _ = loop_matrices(comp, axis.mass, axis.viscous, late)
+            return spectral_radius(A) < 1.0
+        gains = loop_gains(*loop_responses(comp, axis.mass, axis.viscous, late))
+        return gains.radius < 1.0 and slopes.loop_gain(gains) < 1.0
 
     if not stable(0.0):
         return 0.0
@@ -275,35 +313,23 @@ def stick_slip_gain(force: Floats) -> float:
     return float(np.max(np.cumsum(np.abs(force))[begun] / (1.0 - kept[begun])))
 
 
-def certify_tracking(
-    comp: Compensation,
-    mismatch: float,
-    learned: float,
-    excess: float,
-    reference: MotionProfile | None = None,
-) -> TrackingCertificate:
-    """Compute the tracking tube and check the conditions of rest."""
-    # The theory page has the bounds, `sliding` (D) and `largest` (W) here.
-    axis, mu, dt, c = comp.rigid_axis, mismatch, comp.dt, comp.numbers
-    laws = _laws(comp, reference, c[kernel.HOLD_SHARE] / (1.0 - mu))
-    level, bounded = laws.level, c[kernel.HOLDS] != 0.0
-    peak = c[kernel.PEAK] * c[kernel.EXCESS]
-    most = c[kernel.BAND] if bounded else 0.0
-    friction = (1.0 + mu) * level * (1.0 + excess)
-    fed = level * (c[kernel.COULOMB] + peak + most)
-    moved = laws.wind
-    early = 0.0
-    if reference is not None:
-        ahead = (c[kernel.LEAD] + 1.0) * dt - comp.drive_delay
-        moved += laws.slope * _fastest(reference) * ahead
-        early = _unfed(comp, reference)
-    sliding = (1.0 - learned) * (mu + most) * level + level * max(peak, (1.0 + mu) * excess)
-    sliding, largest = sliding + moved, friction + fed + 2.0 * moved
-    if not bounded:
-        sliding = largest
-    half, needed, largest_gain = 0.5 * comp.encoder_quantum, 0.0, 0.0
-    parts: dict[str, float] = {}
-    gains = []
+class _Corner(NamedTuple):
+    """Gains of the linear loop of one axis within the mismatch."""
+
+    gains: LoopGains
+    sticking: float  # largest error of slips and stops, for 1 N left [m/N]
+    kick: float  # largest error for an error in velocity that is braked at once [s]
+    slip: float  # largest velocity of a slip, for 1 N left [m/(N s)]
+    missed: float  # error by what is missing along the reference [m]
+    quick: float  # velocity of that error [m/s]
+    drive: float  # drive for it [N]
+
+
+def _corners(
+    comp: Compensation, mu: float, bounded: bool, reference: MotionProfile | None
+) -> Iterator[_Corner]:
+    """Loops at the corners of the mismatch."""
+    axis, dt = comp.rigid_axis, comp.dt
     for m, f, d in itertools.product(
         sorted({1.0 - mu, 1.0, 1.0 + mu}),
         sorted({1.0 - mu, 1.0 + mu}),
@@ -311,10 +337,9 @@ def certify_tracking(
     ):
         mass, viscous, delay = axis.mass * m, axis.viscous * f, comp.drive_delay + d
         radius, responses = loop_responses(comp, mass, viscous, delay)
-        one = loop_gains(radius, responses)
-        gains.append(one)
+        gains = loop_gains(radius, responses)
         if radius >= 1.0:
-            parts = {"unstable loop": math.inf}
+            yield _Corner(gains, *(math.inf,) * 6)
             continue
         response = responses[..., 0]
         missed = quick = drive = 0.0
@@ -324,50 +349,186 @@ def certify_tracking(
             # An axis at rest under a reference that moves has the momentum to make up.
             start = mass * abs(float(reference.velocity[0])) / dt * np.abs(response).max(0)
             missed, quick, drive = np.array([missed, quick, drive]) + start
-        reading = half * one.reading
-        gain = stick_slip_gain(response[:, 0]) if bounded else one.l1
-        largest_gain = max(largest_gain, gain)
-        # Where the feedforward changes sides, it and friction brake what the axis is too fast by.
-        turning = float(quick + half * one.reading_speed + early)
-        kick = turning * mass * np.abs(response[:, 0]).max() / dt + _TURN * gain * sliding
-        made = {
-            "sliding": one.l1 * sliding,
-            "sticking": (gain - one.l1) * sliding,
-            "reversals": kick if bounded else 0.0,
-            "inertia": missed,
-            "encoder": reading,
-        }
-        shrink = 1.0 - gain * laws.slope
-        made = {
-            name: float(size) / shrink if shrink > 0.0 else math.inf
-            for name, size in made.items()
-            if size > 1e-9 * one.l1 * sliding  # not of rounding alone
-        }
-        if sum(made.values()) > sum(parts.values()):
-            parts = made
-        slip = turning + sliding * float(np.abs(np.cumsum(response[:, 1])).max())
-        asked = min(one.drive * sliding, c[kernel.KP] * sum(made.values()) + c[kernel.KD] * slip)
-        needed = max(needed, asked + float(drive) + half * one.reading_drive)
+        gain = stick_slip_gain(response[:, 0]) if bounded else gains.l1
+        kick = mass * float(np.abs(response[:, 0]).max()) / dt
+        slip = float(np.abs(np.cumsum(response[:, 1])).max())
+        yield _Corner(gains, gain, kick, slip, float(missed), float(quick), float(drive))
+
+
+class _Loop(NamedTuple):
+    """Bounds of a loop under laws over some reach of their arguments."""
+
+    parts: dict[str, float]  # contributions to the tube [m]
+    sliding: float  # force left over, sliding with the reference [N]
+    largest: float  # the same otherwise [N]
+    speed: float  # largest velocity of the error [m/s]
+    feedback: float  # largest force of feedback and integral [N]
+    fed: float  # largest friction that is fed forward [N]
+
+    @property
+    def tube(self) -> float:
+        """Bound of the error [m]."""
+        return sum(self.parts.values())
+
+    def within(self, other: _Loop) -> bool:
+        """Whether no bound on which the laws depend exceeds another's."""
+        names = ("tube", "speed", "feedback", "fed")
+        return all(getattr(self, name) <= getattr(other, name) for name in names)
+
+
+def certify_tracking(
+    comp: Compensation,
+    mismatch: float,
+    learned: float,
+    excess: float,
+    reference: MotionProfile | None = None,
+) -> TrackingCertificate:
+    """Compute the tracking tube and check the conditions of rest."""
+    # The theory page has the bounds, `sliding` (D) and `largest` (W) here.
+    axis, mu, c = comp.rigid_axis, mismatch, comp.numbers
+    bounded = c[kernel.HOLDS] != 0.0
+    corners = list(_corners(comp, mu, bounded, reference))
     fast = 0.0 if reference is None else np.abs(_courses(axis, reference)).sum(axis=0).max()
-    needed = float(needed + fed + fast + laws.forces + laws.wind)
-    if comp.left_out:
-        parts[f"not covered: {', '.join(comp.left_out)}"] = math.inf
+    places, guessed = _places(comp, reference)
+    loop, laws = _Loop({}, 0.0, 0.0, 0.0, 0.0, 0.0), laws_of(axis, places)
+    slope = needed = 0.0
+    settled = False
+    # The laws are read as far as the error takes their arguments: bounds that are no more than
+    # those for which the laws were read hold, as the error grows from nothing without a jump.
+    for _ in range(_REPEATS):
+        wide, asked, pushed = _wider(loop), _MARGIN * needed, _MARGIN * laws.force
+        reach = places._replace(
+            low=places.low - wide.tube, high=places.high + wide.tube,
+            speed=_fastest(reference) + wide.speed, load=asked + pushed,
+        )  # fmt: skip
+        laws = laws_of(axis, reach)
+        slope = laws.slope("x", max(c[kernel.PEAK] * c[kernel.EXCESS], (1.0 + mu) * excess))
+        change = _change(comp, reference, laws, wide)
+        loop = _bounds(comp, corners, laws, change, (mu, learned, excess), wide.tube, reference)
+        needed = float(loop.feedback + loop.fed + fast + laws.force)
+        settled = needed <= asked and laws.force <= pushed and loop.within(wide)
+        if settled or not math.isfinite(loop.tube):
+            break
+    grows = not settled
+    if grows and math.isfinite(loop.tube):
+        loop.parts[_GROWS] = math.inf
+    lost = uncovered(comp.axis)
+    if lost:
+        loop.parts[f"not covered: {', '.join(lost)}"] = math.inf
     if needed > c[kernel.LIMIT]:
-        parts["drive limit"] = math.inf
+        loop.parts["drive limit"] = math.inf
     # Each figure at its own worst corner.
-    worst = LoopGains(*(max(values) for values in zip(*gains, strict=True)))
+    worst = LoopGains(
+        *(max(values) for values in zip(*(one.gains for one in corners), strict=True))
+    )
     nominal = loop_gains(*loop_responses(comp, axis.mass, axis.viscous, comp.drive_delay))
-    tube = float(sum(parts.values()))
+    gain = max(one.sticking for one in corners)
+    slopes = LawSlopes(laws.slope("x"), laws.slope("v"), laws.slope("u"))
     return TrackingCertificate(
-        tube, parts, float(sliding), nominal, worst, mu, learned,
-        _conditions(comp, laws, worst, mu), axis.units, reference is None, delay_margin(comp),
-        needed, float(c[kernel.LIMIT]), float(largest), comp.known,
-        tuple(_reasons(comp, worst, largest_gain, laws.slope, needed)),
+        loop.tube, loop.parts, float(loop.sliding), nominal, worst, mu, learned,
+        _conditions(comp, places, guessed, worst, slopes, lost, mu), axis.units, reference is None,
+        0.0 if lost else delay_margin(comp, slopes), needed, float(c[kernel.LIMIT]),
+        float(loop.largest), comp.known,
+        tuple(_reasons(comp, worst, gain, laws, slope, needed, lost, grows)), lost,
     )  # fmt: skip
 
 
+def _wider(loop: _Loop) -> _Loop:
+    """Bounds a little wider, for which the laws are read next."""
+    parts = {name: _MARGIN * part for name, part in loop.parts.items()}
+    speed, feedback, fed = (_MARGIN * one for one in (loop.speed, loop.feedback, loop.fed))
+    return loop._replace(parts=parts, speed=speed, feedback=feedback, fed=fed)
+
+
+def _change(comp: Compensation, reference: MotionProfile | None, laws: Laws, loop: _Loop) -> Change:
+    """How far the arguments of the laws that are fed forward are from those at the axis."""
+    c = comp.numbers
+    ahead = (c[kernel.LEAD] + 1.0) * comp.dt - comp.drive_delay
+    jolt = 0.0 if reference is None else float(np.abs(reference.acceleration).max())
+    change = Change(ahead, _fastest(reference) * ahead, loop.speed + jolt * ahead)
+    # A law of the load is fed forward for the drive that is fed forward with it.
+    raised = (c[kernel.PEAK] * c[kernel.EXCESS] + c[kernel.BAND]) * laws.level
+    drive = loop.feedback + raised + laws.force_change(change)
+    drive += laws.force_slope("x") * loop.tube
+    if comp.drive_lag > 0.0:
+        # Behind a lag the drive passes through zero where its friction reverses.
+        drive += 2.0 * (loop.fed + laws.force)
+    return change._replace(load=drive)
+
+
+def _bounds(
+    comp: Compensation,
+    corners: list[_Corner],
+    laws: Laws,
+    change: Change,
+    off: tuple[float, float, float],
+    tube: float,
+    reference: MotionProfile | None,
+) -> _Loop:
+    """Bounds at the worst corner; `off`: mismatch, learned part of it, largest excess."""
+    (mu, learned, excess), c, level = off, comp.numbers, laws.level
+    # Other forces that are stronger than friction move the axis against it, at rest as well.
+    pushes = laws.force_change(change) + laws.force_slope("x") * tube
+    bounded = c[kernel.HOLDS] != 0.0 and pushes <= (1.0 - mu) * laws.least_level
+    if not math.isfinite(level + pushes):
+        return _Loop({_GROWS: math.inf}, math.inf, math.inf, math.inf, math.inf, math.inf)
+    peak = c[kernel.PEAK] * c[kernel.EXCESS]
+    highest = max(peak, (1.0 + mu) * excess)
+    most = c[kernel.BAND] if bounded else 0.0
+    # A stuck axis that still moves loses its velocity, as if friction were larger by as much.
+    axis = comp.rigid_axis
+    caught = (1.0 + mu) * axis.mass * min(axis.stick_rate, 1.0 / comp.dt) * axis.stick_speed
+    friction = (1.0 + mu) * level + max((1.0 + mu) * level * excess, caught)
+    fed = level * (c[kernel.COULOMB] + peak + most)
+    moved = (1.0 + highest) * laws.level_change(change) + laws.force_change(change)
+    largest = friction + fed + 2.0 * moved
+    sliding = (1.0 - learned) * (mu + most) * level + max(level * highest, caught) + moved
+    sliding = sliding if bounded else largest
+    early = 0.0 if reference is None else _unfed(comp, reference)
+    half = 0.5 * comp.encoder_quantum
+    slope = laws.slope("x", highest)
+    parts: dict[str, float] = {}
+    speed = feedback = 0.0
+    for one in corners:
+        if one.gains.radius >= 1.0:
+            return _Loop({"unstable loop": math.inf}, sliding, largest, 0.0, 0.0, fed)
+        # Where the feedforward changes sides, it and friction brake what the axis is too fast by.
+        turning = one.quick + half * one.gains.reading_speed + early
+        gain = one.sticking if bounded else one.gains.l1
+        made = {
+            "sliding": one.gains.l1 * sliding,
+            "sticking": (gain - one.gains.l1) * sliding,
+            "reversals": one.kick * turning + _TURN * gain * sliding if bounded else 0.0,
+            "inertia": one.missed,
+            "encoder": half * one.gains.reading,
+        }
+        shrink = 1.0 - gain * slope
+        made = {
+            name: float(size) / shrink if shrink > 0.0 else math.inf
+            for name, size in made.items()
+            if size > 1e-9 * one.gains.l1 * sliding  # not of rounding alone
+        }
+        error = sum(made.values())
+        if error > sum(parts.values()):
+            parts = made
+        # What changes with the place of the axis is a force, too.
+        left = sliding + slope * error if slope > 0.0 else sliding
+        slip = turning + left * one.slip
+        asked = min(one.gains.drive * left, c[kernel.KP] * error + c[kernel.KD] * slip)
+        feedback = max(feedback, asked + one.drive + half * one.gains.reading_drive)
+        speed = max(speed, turning + left * one.gains.speed, _fastest(reference))
+    return _Loop(parts, float(sliding), float(largest), speed, float(feedback), float(fed))
+
+
 def _reasons(
-    comp: Compensation, worst: LoopGains, gain: float, slope: float, needed: float
+    comp: Compensation,
+    worst: LoopGains,
+    gain: float,
+    laws: Laws,
+    slope: float,
+    needed: float,
+    lost: tuple[str, ...],
+    grows: bool,
 ) -> Iterator[str]:
     """Conditions of a finite tube that fail, each with what to change."""
     length, force = comp.rigid_axis.units
@@ -388,9 +549,20 @@ def _reasons(
             f"{force}/{length}, and the loop can bound the error below {1.0 / gain:.4g} "
             f"{force}/{length} only: raise bandwidth; a shorter dt or input_delay allows more"
         )
-    if comp.left_out:
+    elif grows and not math.isfinite(laws.level + laws.force):
         yield (
-            f"not covered: {', '.join(comp.left_out)}. Design for axis.replace(effects=...) with "
+            "force effects or levels grow without bound over time: "
+            "comp.certify(reference=...) reads them for as long as a move lasts"
+        )
+    elif grows:
+        yield (
+            "force effects or levels that depend on velocity, load or place grow with the error "
+            "faster than the loop bounds it: raise bandwidth, or lower mismatch or the "
+            "acceleration of the reference"
+        )
+    if lost:
+        yield (
+            f"not covered: {', '.join(lost)}. Design for axis.replace(effects=...) with "
             "the others only, and see what this one adds with simulate_loop on the full axis"
         )
     if needed > limit:
@@ -448,80 +620,41 @@ def _unfed(comp: Compensation, reference: MotionProfile) -> float:
     return float(np.abs(v[unfed]).max(initial=0.0))
 
 
-class _Laws(NamedTuple):
-    """Levels and force effects of an axis, over its travel or along a reference."""
-
-    level: float  # largest Coulomb level [N]
-    held: float  # lesser level of both directions, where it changes most within the reach [N]
-    kept: float  # smallest level within the reach of that place [N]
-    slope: float  # largest slope of force effects and level over place [N/m]
-    forces: float  # largest of the force effects at rest [N]
-    wind: float  # largest change of them with velocity [N]
-    wander: float  # largest change of force and level with time at rest [N]
-    guessed: tuple[float, float] | None  # range, if none is known and the level depends on place
-
-
-def _laws(comp: Compensation, reference: MotionProfile | None, share: float) -> _Laws:
-    """Read levels and force effects of an axis over place and over time."""
-    # Levels are compared within a reach, where the held drive is a `share` of them.  Forces are
-    # read up to a fifth above the speed of the reference, both ways.  Places are those of the
-    # travel; without one, those of the reference and a tenth of its way on either side.
-    axis, reach, speed = comp.rigid_axis, _BESIDE * comp.tolerance, _fastest(reference)
-    arrays = axis.arrays(comp.dt)
-    low, high = axis.travel or (-1.0, 1.0)
-    known = axis.travel is not None
-    if reference is not None and not known and np.ptp(reference.position) > 0.0:
-        beside = 0.1 * float(np.ptp(reference.position))
-        low = float(reference.position.min()) - beside
-        high = float(reference.position.max()) + beside
-        known = True
-    places = np.linspace(low, high, _PLACES)
-    near = 1e-6 * (high - low)
-
-    def read(t: float, x: float, v: float = 0.0) -> Floats:
-        return np.array(kernel.read_laws(arrays.numbers, arrays.integers, t, x, v))
-
-    table = np.array([[read(t, x) for x in places] for t in _TIMES])
-    slopes = [np.abs(read(0.0, x + near) - read(0.0, x)) / near for x in places]
-    wind = [
-        abs(read(0.0, x, v)[0] - read(0.0, x)[0])
-        for v in np.linspace(-1.2 * speed, 1.2 * speed, 9)
-        for x in places[::40]
-    ]
-    lesser = table[..., 1:].min(axis=2)
-    near_by = 2 * math.ceil(reach * (_PLACES - 1) / (high - low)) + 1
-    held, kept = lesser.max(axis=0), minimum_filter1d(lesser.min(axis=0), near_by)
-    worst = int(np.argmin(kept - share * held))
-    return _Laws(
-        float(table[..., 1:].max()),
-        float(held[worst]),
-        float(kept[worst]),
-        float(max(one[0] + max(one[1:]) for one in slopes)),
-        float(np.abs(table[..., 0]).max()),
-        float(max(wind)),
-        float(np.ptp(table, axis=0).max()),
-        None if known or np.ptp(table[..., 1:], axis=1).max() == 0.0 else (low, high),
-    )
+def _places(comp: Compensation, reference: MotionProfile | None) -> tuple[Reach, bool]:
+    """Places and times of a reference, and whether its places are guessed."""
+    # Those of the reference and a tenth of its way on either side, else those of the travel.
+    travel = comp.rigid_axis.travel
+    if reference is None:
+        return Reach(*(travel or ANYWHERE)), travel is None
+    beside = 0.1 * float(np.ptp(reference.position)) or comp.tolerance
+    low, high = float(reference.position.min()), float(reference.position.max())
+    return Reach(low - beside, high + beside, time=reference.duration), False
 
 
 def _conditions(
-    comp: Compensation, laws: _Laws, worst: LoopGains, mu: float
+    comp: Compensation,
+    places: Reach,
+    guessed: bool,
+    worst: LoopGains,
+    slopes: LawSlopes,
+    lost: tuple[str, ...],
+    mu: float,
 ) -> tuple[Condition, ...]:
     """Conditions under which an axis at rest stays at rest for ever."""
     length, force = comp.rigid_axis.units
-    c = comp.numbers
+    c, distance = comp.numbers, _BESIDE * comp.tolerance
     holds = c[kernel.HOLDS] != 0.0
-    held = c[kernel.HOLD_SHARE] * laws.held if holds else math.inf
-    least = (1.0 - mu) * laws.kept
-    reach = length_text(_BESIDE * comp.tolerance, length)
+    rest = at_rest(comp.rigid_axis, places, c[kernel.HOLD_SHARE] / (1.0 - mu), distance)
+    held = c[kernel.HOLD_SHARE] * rest.held if holds else math.inf
+    least = (1.0 - mu) * rest.kept
     unsure = ""
-    if laws.guessed:
-        low, high = laws.guessed
+    if guessed and rest.uneven:
         unsure = (
-            f"; levels depend on the position and are read from {low:g} to {high:g} {length}, as "
-            "the axis has no travel: give it, axis.replace(travel=(low, high))"
+            f"; levels depend on the position and are read from {places.low:g} to {places.high:g} "
+            f"{length}, as the axis has no travel: give it, axis.replace(travel=(low, high))"
         )
     left = max(least - held, 0.0)
+    loop_gain = slopes.loop_gain(worst)
     # Name, whether it holds, detail, and what to do if it does not.
     corrected = 'the integral goes on at rest: law="learned" and "fixed" hold it'
     if holds:
@@ -529,9 +662,16 @@ def _conditions(
         corrected += f"by {c[kernel.GROWTH]:g}"
     rows = [
         (
+            "every effect of the axis has bounds",
+            not lost,
+            f"not covered: {', '.join(lost)}" if lost else "none is left out",
+            "",
+        ),
+        (
             "the linear loop is stable for every axis within the mismatch",
-            worst.radius < 1.0,
-            f"spectral radius at most {worst.radius:.5f}",
+            worst.radius < 1.0 and loop_gain < 1.0,
+            f"spectral radius at most {worst.radius:.5f}"
+            + f", loop gain through the axis' effects at most {loop_gain:.3g}" * any(slopes),
             "lower bandwidth or mismatch",
         ),
         (
@@ -544,16 +684,22 @@ def _conditions(
             "the held drive stays below the least Coulomb level",
             held <= least,
             f"{held:.3g} of {least:.3g} {force}",
-            f"the level changes too much over {reach}, or the design was made for a lower "
-            f"mismatch{unsure}"
+            f"the level changes too much over {length_text(distance, length)} or with time, or "
+            f"the design was made for a lower mismatch{unsure}"
             if holds
             else "",
         ),
         (
             "other forces and levels do not change with time by more than is left",
-            laws.wander <= left,
-            f"they change by {laws.wander:.3g} of {left:.3g} {force}",
+            rest.wander <= left,
+            f"they change by {rest.wander:.3g} of {left:.3g} {force}",
             "rest is not certain, however the loop is designed",
+        ),
+        (
+            "the drive can give the force that it holds",
+            not holds or held + rest.force <= c[kernel.LIMIT],
+            f"{held + rest.force:.3g} of {c[kernel.LIMIT]:.3g} {force}",
+            "raise the limit of the drive",
         ),
         (
             "the encoder's last digit does not end the hold",

@@ -16,16 +16,16 @@ from dryfric_control.checks import finite, increment, instance, one_of, positive
 from dryfric_control.compensation import certificate as proof
 from dryfric_control.compensation import tuning as tuned
 from dryfric_control.compensation.certificate import TrackingCertificate
-from dryfric_control.compensation.runtime import CompensatedController
+from dryfric_control.compensation.laws import largest_drive, uncovered
+from dryfric_control.compensation.runtime import CompensatedController, CompensationStepper
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
 from dryfric_control.model.axis import FrictionAxis, check_pace
-from dryfric_control.model.loops import simulate_loop
+from dryfric_control.model.loops import LoopRun, simulate_loop
 from dryfric_control.model.profiles import MotionProfile, motion_profile
 from dryfric_control.observer.certificate import CertificateError
 from dryfric_control.observer.design import ObserverDesign, design_pi_observer
 from dryfric_control.observer.design import checked as checked_design
-from dryfric_control.observer.error_model import LEFT_OUT
 from dryfric_control.order import check_quantum_and_dt
 from dryfric_control.store.saved import Saved
 from dryfric_control.text import Result, documented, length_text, prefixed, see, stated, typeset
@@ -46,7 +46,8 @@ class Promise:
 class Compensation(Saved, Result):
     """A friction-compensating position controller, certified.
 
-    Made by `design_compensation`.
+    Made by `design_compensation`; it runs as the observers do: by `block`, by `stepper`, over a
+    whole motion (`run`, which `simulate_loop` calls), as C and FMU, and it is kept by `save`.
 
     Examples
     --------
@@ -98,6 +99,19 @@ class Compensation(Saved, Result):
         name : str, optional
         """
         return self.controller.block(name)
+
+    def run(self, loop: LoopRun) -> tuple[Floats, int]:
+        """Run a closed loop, as `simulate_loop` does.
+
+        Parameters
+        ----------
+        loop : LoopRun
+        """
+        return self.controller.run(loop)
+
+    def stepper(self) -> CompensationStepper:
+        """The controller sample by sample, for a loop of your own."""
+        return self.controller.stepper()
 
     def certify(
         self,
@@ -231,12 +245,18 @@ class Compensation(Saved, Result):
     @property
     def left_out(self) -> tuple[str, ...]:
         """Effects that the certificate does not cover."""
-        return tuple(e.slug for e in self.axis.effective().effects if e.action in LEFT_OUT)
+        return uncovered(self.axis)
 
     @property
     def known(self) -> tuple[str, ...]:
         """Effects that the certificate takes as they are."""
-        return tuple(e.slug for e in self.rigid_axis.effects if e.action in ("force", "input"))
+        laws = ("force", "input", "friction")
+        return tuple(e.slug for e in self.rigid_axis.effects if e.action in laws)
+
+    @functools.cached_property
+    def largest_force(self) -> float:
+        """Largest force of the drive: its limit, or what the axis' own effects let through [N]."""
+        return min(self.limit, largest_drive(self.rigid_axis))
 
     @property
     def drive_step(self) -> float:
@@ -263,7 +283,7 @@ class Compensation(Saved, Result):
             kernel.KI: self.ki,
             kernel.KD: self.kd,
             kernel.KEEP: keep,
-            kernel.LIMIT: self.limit,
+            kernel.LIMIT: self.largest_force,
             kernel.MASS: axis.mass,
             kernel.VISCOUS: axis.viscous,
             kernel.COULOMB: 1.0 if switched else 0.9 if self.law == "sign" else 0.0,

@@ -14,7 +14,6 @@ from dryfric_control.model.axis import FrictionAxis, without_effects
 from dryfric_control.model.friction import middle_level
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.error_model import LEFT_OUT, UNCERTAIN_FRACTION, coulomb_level
-from dryfric_control.observer.runtime import tables
 
 LAWS = ("learned", "fixed", "sign", "pid", "disturbance observer", "adrc")
 #: Where the estimate of friction comes from, by law.
@@ -125,7 +124,7 @@ def tuning_of(law: str) -> Tuning:
 def watched(source: ObserverDesign | FrictionAxis, quantum: float, dt: float) -> tuple[Any, ...]:
     """Arrays of the observer; of none, such as the compiled law takes all the same."""
     if isinstance(source, ObserverDesign):
-        return tuple(tables(source, "reading", quantum))
+        return tuple(source.tables("reading", quantum))
     nothing = np.zeros(6), np.zeros((3, 6)), np.zeros((1, 3)), np.zeros((2, 3), dtype=np.int64)
     return (*nothing, *source.arrays(dt)[:2])
 

@@ -75,7 +75,7 @@ NOTHING, LEARNED, DISTURBANCE, EXTENDED = range(4)
     MODE,  # mode of the observer one sample before
     CORRECTIONS,  # number of corrections since the reference came to rest
     HELD,
-    HELD_DRIVE,
+    HELD_DRIVE,  # without the other forces, which go on where they change with time
     MEAN_DRIVE,
     MEAN_ERROR,
     FORCE,  # friction compensation of the last sample
@@ -94,6 +94,10 @@ _REACH = 50.0
 _NEAR = 0.5
 #: Largest number of steps to invert the static input effects.
 _MOST_STEPS = 30
+#: Largest number of secants to a level that depends on the drive.
+_MOST_SECANTS = 12
+#: Least part of a level that does not depend on the drive: below it the axis locks itself.
+_LEAST_BEND = 0.02
 
 
 class Law(NamedTuple):
@@ -120,9 +124,28 @@ def _peak(numbers, v):
 
 
 @axis_step.internal
+def _loaded_level(plant, t, x, v, w, s):
+    """Coulomb level where the drive overcomes it in addition to a force w."""
+    # A level that grows with the load is a load itself: by secants, exact where it is linear.
+    level = axis_step.coulomb_level(plant, t, x, v, w, s, 0.0)
+    if plant.integers[axis_step.N_CARRIED] == 0:
+        return level
+    last, last_level = 0.0, level
+    for _ in range(_MOST_SECANTS):
+        new = axis_step.coulomb_level(plant, t, x, v, w + s * level, s, 0.0)
+        if abs(new - level) <= 1e-12 * new or level == last:
+            break
+        bend = 1.0 - (new - last_level) / (level - last)
+        last, last_level = level, new
+        level = max(level + (new - level) / bend, 0.0) if bend > _LEAST_BEND else new
+    return level
+
+
+@axis_step.internal
 def _levels(numbers, plant, t, x, v, w, s):
     """Coulomb level in direction s, and the Stribeck peak for an excess of 1."""
-    level = axis_step.coulomb_level(plant, t, x, v, w, s, 0.0)
+    level = _loaded_level(plant, t, x, v, w, s)
+    w += s * level
     if numbers[EXCESS] == 0.0:
         return level, 0.0
     return level, (axis_step.breakaway_level(plant, t, x, w, s, 0.0) - level) / numbers[EXCESS]
@@ -283,7 +306,7 @@ def _rest(c, memory, mode, error, moving, forces, level):
     ):
         most = c[HOLD_SHARE] * level
         held = min(max(memory[MEAN_DRIVE] - forces, -most), most)
-        memory[HELD], memory[HELD_DRIVE] = 1.0, forces + held
+        memory[HELD], memory[HELD_DRIVE] = 1.0, held
     return mode == 0 and abs(error) <= wide, memory[HELD] != 0.0
 
 
@@ -382,7 +405,7 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
         memory[INTEGRAL] = min(max(memory[INTEGRAL], plain - most), plain + most)
     wanted = known + memory[INTEGRAL]
     if drive_held:
-        wanted = memory[HELD_DRIVE]
+        wanted = forward + memory[HELD_DRIVE]
         memory[INTEGRAL] = min(max(wanted - known, -c[LIMIT]), c[LIMIT])
     given = min(max(wanted, -c[LIMIT]), c[LIMIT])
     if not (integral_held or drive_held) and wanted == given:

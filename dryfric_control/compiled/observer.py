@@ -33,7 +33,7 @@ PAPER, READING, FILIPPOV = 0, 1, 2
 ) = range(12)
 
 #: Indices of the observer's numbers.
-(DT, STICK_SPEED, RESOLUTION, KEEP, RULE, CURRENT) = range(6)
+(DT, STICK_SPEED, RESOLUTION, KEEP, RULE, CURRENT, NUMBERS) = range(7)
 #: Columns of the matrices of a mode (rows mode + 1), and their number.
 A12, A22, B1, B2, E1, E2, COLUMNS = range(7)
 #: Number of outputs.

@@ -50,7 +50,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.record import Record, told
-from dryfric_control.store.batch import fingerprint, run_batch
+from dryfric_control.store.batch import fingerprint, raise_failures, run_batch
 from dryfric_control.text import length_text, see
 from dryfric_control.units import check_units
 
@@ -86,6 +86,8 @@ _CHANGES = (
     "largest in: {}. Something that changes in the record is missing from the model"
 )
 _INTERRUPTED = "interrupted: the best answer so far; causes may be missing"
+# Verdict on a record of several, or a joint, that cannot be diagnosed.
+NOT_DIAGNOSED = "not diagnosed"
 
 
 def diagnose(
@@ -365,10 +367,9 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
     search.now = Model(problem.nominal_fit)
     recorded = problem.runs
     try:
-        model = _force_first(search, recorded)
-        if model is not None:
-            return search, model, False
-        problem = search.problem
+        found = _force_first(search, recorded)
+        if found is not None:
+            return *found, False
         begun = search.alone()
         # The least smoothing: a smoother input may hide that it does not cause the motion.
         problem = search.problem = quieter(problem, recorded, begun, most=False)
@@ -402,12 +403,13 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
     return search, model, False
 
 
-def _force_first(search: Search, recorded: Sequence[Any]) -> Model | None:
+def _force_first(search: Search, recorded: Sequence[Any]) -> tuple[Search, Model] | None:
     """The search from the causes that the force shows; None where these do not explain the motion.
 
     What builds up after reversals, and beside which a straight line predicts better, is a contact.
     """
     problem = search.problem
+    search = Search(problem, search.tell, search.not_tried, now=search.now)
     found, builds_up = search.by_force()
     if builds_up and found.fit.cost > problem.straight_line.cost:
         found = moving(problem, found.fit, found) or found
@@ -419,9 +421,11 @@ def _force_first(search: Search, recorded: Sequence[Any]) -> Model | None:
         fit = problem.fit(fit.axis, problem.free_of(fit), noises_of(fit), SOME, each=each_of(fit))
     search.now = Model(fit, found.causes)
     model = search.run(search.pruned(search.now))
+    again = _reconsidered(search, model, recorded)
+    if again is not None:
+        search, model = again
     if problem.clear_of_line(model.fit) and not problem.muted(model.fit):
-        return model
-    search.problem = replace(problem, runs=tuple(recorded))
+        return search, model
     return None
 
 
@@ -585,12 +589,13 @@ def diagnose_batch(
     Returns
     -------
     dict
-        `Diagnosis.to_dict` of each record, by its name or number.
+        `Diagnosis.to_dict` of each record, by its name or number.  A record that cannot be
+        diagnosed has the `verdict` "not diagnosed" and a `reason`, and no more.
 
     Raises
     ------
     ValueError
-        If an argument is out of its range, a record cannot be diagnosed (named in
+        If an argument is out of its range, no record can be diagnosed (the first is named in
         a note), or the store is of another axis, window, hold or version.
 
     Notes
@@ -621,7 +626,7 @@ def diagnose_batch(
     for name, record in named:
         instance(f"records[{name!r}]", record, Record, "see dfc.read_record")
         cases[name] = axis, (record,)
-    return run_cases(
+    found = run_cases(
         functools.partial(_found, window, hold),
         "records",
         cases,
@@ -632,6 +637,16 @@ def diagnose_batch(
         jobs=jobs,
         progress=progress,
     )
+    return {name: failure(one) or one for name, one in found.items()}
+
+
+def failure(result: Any) -> dict[str, str]:
+    """What stands for a diagnosis that failed; nothing for one that did not."""
+    if not isinstance(result, Exception):
+        return {}
+    known = isinstance(result, (ValueError, OSError))
+    reason = str(result) if known else f"{type(result).__name__}: {result}"
+    return {"verdict": NOT_DIAGNOSED, "reason": reason}
 
 
 def run_cases(
@@ -650,8 +665,10 @@ def run_cases(
     """Run a diagnosis over axes with their records, each checked before any work.
 
     A store identifies a case by its name, the data of its records and `own` of its axis.
+    A case that cannot be diagnosed has its exception for a result, unless all have.
     """
     cases: dict[Any, Any] = {}
+    results: dict[Any, Any] = dict.fromkeys(named)
     for name, (axis, records) in named.items():
         try:
             for record in records:
@@ -659,9 +676,11 @@ def run_cases(
                 cut(record, _window(axis, records) if window is None else window, hold)
         except ValueError as problem:
             problem.add_note(f"in {label}[{name!r}]")
-            raise
+            results[name] = problem
+            continue
         data = [p for r in records for p in (r.t, r.u, r.x, r.reference, r.quantum, r.good)]
         cases[name, fingerprint(*data), *own(axis)] = axis, records
+    raise_failures(results, all_only=True)
     found = run_batch(
         function,
         cases,
@@ -674,8 +693,9 @@ def run_cases(
         },
         jobs=jobs,
         progress=progress,
+        failures="return",
     )
-    return {key[0]: result for key, result in found.items()}
+    return results | {key[0]: result for key, result in found.items()}
 
 
 def _found(

@@ -18,7 +18,7 @@ from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.estimation.likelihood import BOLD
-from dryfric_control.estimation.parameters import values_of, with_values
+from dryfric_control.estimation.parameters import SHIFT, values_of, with_values
 from dryfric_control.estimation.smoothed_motion import drive_at_the_mass, missing_force
 from dryfric_control.model.axis import FrictionAxis
 
@@ -32,6 +32,8 @@ _GRID = 12
 _KNOTS = 9
 # Largest ratio of the squares that are left with a delay, or a limit, to those without it.
 _HALVED = 0.5
+# Largest part of the squared force of the motion that the curve, or the limited drive, leaves.
+_EXPLAINED = 0.2
 # Relative step of a free parameter whose column is a difference.
 _STEP = 1e-3
 
@@ -129,7 +131,8 @@ class ForceView(ModelView):
     def late_drive(self) -> tuple[float, float]:
         """Delay [s] and limit [N] with which the drive gives the force of the motion.
 
-        Zero and infinity where they do not halve what is left.  The delay is that of a curve
+        Zero and infinity where they do not halve what is left, or leave more than a fifth of the
+        force: what mutes the drive leaves all of it.  The delay is that of a curve
         h(u(t - d)), piecewise linear: a gain, a limit and a dead zone are shapes of it, so none of
         them hides a delay.
         """
@@ -137,8 +140,8 @@ class ForceView(ModelView):
         needed = self._smoothed([self._missing(self.axis, none)])[:, 0]
         longest = min(_LATEST * self.duration / self.dt, 0.05 * self.x.size)
         late = _least(lambda d: self._left_by_curve(needed, round(d)), 1.0, max(longest, 2.0))
-        late = round(late)
-        if self._left_by_curve(needed, late) > _HALVED * self._left_by_curve(needed, 0):
+        late, most = round(late), _EXPLAINED * float(needed @ needed)
+        if self._left_by_curve(needed, late) > min(_HALVED * self._left_by_curve(needed, 0), most):
             late = 0
         u = self._late(late)
         size = np.abs(u).max()
@@ -148,7 +151,8 @@ class ForceView(ModelView):
             return float(rest @ rest)
 
         limit = _least(left, 1e-3 * size, size)
-        return late * self.dt, limit if left(limit) < _HALVED * left(size) else math.inf
+        limited = left(limit) < min(_HALVED * left(size), most)
+        return late * self.dt, limit if limited else math.inf
 
     def _late(self, samples: int) -> Floats:
         """Drive some samples later."""
@@ -173,6 +177,9 @@ class ForceView(ModelView):
     def steps(self, names: Sequence[str]) -> Floats:
         found, now = [], self._missing(self.axis)
         for name in names:
+            if name == SHIFT:
+                found.append(np.gradient(self.u))
+                continue
             value = float(values_of(self.axis, [name])[0])
             step = _STEP * (abs(value) or self.size)
             try:

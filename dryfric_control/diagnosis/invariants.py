@@ -16,6 +16,7 @@ from dryfric_control.estimation.force_residual import applied
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
+from dryfric_control.model.friction_curve import net_force
 
 # Slope of the log-likelihood with the logarithm of a parameter at a bound that presses it there.
 _PRESSED = 1.0
@@ -34,10 +35,30 @@ def impossible(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -
     axes = [fit.problem.axis_at(fit.z, i) for i in range(len(records))]
     if not all(named(axis)[name].plausible(axis) for axis in axes):
         return "implausible values"
+    if effect.action in ("force", "friction") and _beyond_record(problem, axes, name):
+        return "a larger force than any in the records"
     drives = [_drive(axis, name, run.u) for axis, run in zip(axes, fit.problem.runs, strict=True)]
     if not any(effect.beyond_noise(u, fit.random_force(i)) for i, u in enumerate(drives)):
         return "no different from noise of the drive"
     return ""
+
+
+def _beyond_record(problem: Problem, axes: Sequence[FrictionAxis], name: str) -> bool:
+    """Whether the force of a cause is beyond all forces in the records: another one takes it back.
+
+    What it has beyond a nominal effect of its name counts.
+    """
+    rows = zip(axes, problem.motions, problem.runs, strict=True)
+    found = []
+    for axis, motion, run in rows:
+        bare, way = problem.less(axis, name), motion.direction.astype(np.int64)
+        forces = [
+            net_force(one, run.record.t, motion.x, motion.v, run.u, way) for one in (axis, bare)
+        ]
+        drive, inertia = float(np.linalg.norm(run.u)), float(np.linalg.norm(motion.a))
+        force = float(np.linalg.norm((forces[0] - forces[1])[way != 0]))
+        found.append(force > max(drive, problem.believed.mass * inertia))
+    return all(found)
 
 
 def _drive(axis: FrictionAxis, name: str, u: Floats) -> Floats:

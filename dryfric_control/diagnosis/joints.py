@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dryfric_control.checks import instance, positive
-from dryfric_control.diagnosis.diagnose import diagnose, run_cases
+from dryfric_control.diagnosis.diagnose import NOT_DIAGNOSED, diagnose, failure, run_cases
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import with_error
 from dryfric_control.estimation.likelihood import BASE
@@ -29,7 +29,8 @@ _SAVED = (Diagnosis, *Diagnosis._holds)
 class JointDiagnoses(Result, Mapping[str, Diagnosis]):
     """Diagnoses of joints by name, with a table of what was found.
 
-    Made by `diagnose_joints`; a mapping that `to_mjcf` and its like take as it is.
+    Made by `diagnose_joints`; a mapping that `to_mjcf` and its like take as it is.  A joint that
+    cannot be diagnosed is not in the mapping, but in `failed` and in the table.
 
     Examples
     --------
@@ -45,8 +46,13 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
     """
 
     diagnoses: dict[str, Diagnosis] = stated("The diagnosis of each joint.")
+    failed: dict[str, str] = stated(
+        "Joints that cannot be diagnosed, and why.", default_factory=dict
+    )
 
     def __getitem__(self, joint: str) -> Diagnosis:
+        if joint in self.failed:
+            raise KeyError(f"{joint!r} is not diagnosed: {self.failed[joint]}")
         return self.diagnoses[joint]
 
     def __iter__(self) -> Iterator[str]:
@@ -69,6 +75,8 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
             Those of `extended` that were fitted, and the base parameters; the error is None
             where the value is the nominal one, infinite where the records do not determine it.
         """
+        if joint in self.failed:
+            raise ValueError(f"joint {joint!r} is not diagnosed: {self.failed[joint]}")
         if joint not in self.diagnoses:
             raise ValueError(f"joint {joint!r} is not there: it has {', '.join(self.diagnoses)}")
         d = self.diagnoses[joint]
@@ -91,13 +99,17 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
             causes = ", ".join(cause.effect for cause in d.causes)
             base, rest = (numbers[n] for n in BASE), ", ".join(further)
             rows.append((joint, d.verdict, causes or "none", runs, *base, rest or "none"))
+        rows += [(joint, NOT_DIAGNOSED, *[""] * (len(head) - 2)) for joint in self.failed]
         yield rows
+        yield from (f"{joint}: {NOT_DIAGNOSED}: {why}" for joint, why in self.failed.items())
         for joint, d in self.diagnoses.items():
             yield from (f"{joint}: {message}" for message in d.messages)
 
     def to_dict(self) -> dict[str, Any]:
-        """`Diagnosis.to_dict` of each joint."""
-        return {joint: d.to_dict() for joint, d in self.diagnoses.items()}
+        """`Diagnosis.to_dict` of each joint; `verdict` and `reason` of those that failed."""
+        found = {joint: d.to_dict() for joint, d in self.diagnoses.items()}
+        reasons = self.failed.items()
+        return found | {joint: {"verdict": NOT_DIAGNOSED, "reason": why} for joint, why in reasons}
 
 
 def diagnose_joints(
@@ -131,13 +143,13 @@ def diagnose_joints(
     Returns
     -------
     JointDiagnoses
-        A mapping of joints to their `Diagnosis`.
+        A mapping of joints to their `Diagnosis`; `failed` has the others, and why.
 
     Raises
     ------
     ValueError
-        If an argument is out of range, a joint (named in a note) cannot be diagnosed, or the store
-        is of other settings.
+        If an argument is out of range, no joint can be diagnosed (the first is named in a note), or
+        the store is of other settings.
 
     Notes
     -----
@@ -183,7 +195,9 @@ def diagnose_joints(
     run = free_runs | {"store": store, "jobs": jobs, "progress": progress}
     run["settings"] = {"task": "diagnose joints", **options}
     found = run_cases(task, "joints", cases, **run, own=lambda axis: (fingerprint(axis),))
-    return JointDiagnoses({name: from_plain(one, _SAVED) for name, one in found.items()})
+    failed = {name: failure(one)["reason"] for name, one in found.items() if failure(one)}
+    done = {name: one for name, one in found.items() if name not in failed}
+    return JointDiagnoses({name: from_plain(one, _SAVED) for name, one in done.items()}, failed)
 
 
 def _found(options: dict[str, Any], case: tuple[FrictionAxis, tuple[Record, ...]]) -> Any:

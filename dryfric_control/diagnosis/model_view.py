@@ -149,6 +149,11 @@ class ModelView:
         return applied(self.axis, self.x, self.v, self.u, ("input",))
 
     @cached_property
+    def largest_force(self) -> float:
+        """Norm over all samples of the drive, or of the force of the mass if that is more."""
+        return max(float(np.linalg.norm(self.u)), self.axis.mass * float(np.linalg.norm(self.a)))
+
+    @cached_property
     def lift(self) -> Floats:
         """Friction over its level, which a Stribeck peak raises."""
         level = self.direction * self.level

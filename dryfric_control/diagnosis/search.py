@@ -51,6 +51,8 @@ LIMIT = "saturation"
 # Largest ratio of the squared force that an effect leaves to that which a cause leaves in its place
 # with which it may do the same.
 _AS_LITTLE = 1.5
+# Largest ratio of the squared force that is left beside a late drive to that without it.
+_HALVED = 0.5
 # Part of what a cause explains of the squared force that an effect must explain to do the same.
 _AS_MUCH = 0.7
 #: Causes, their free parameters, the random force, and whether they are instead of the base.
@@ -131,15 +133,20 @@ class Search:
         And whether the force shows that friction builds up after reversals.
         """
         problem, nominal = self.problem, self.problem.nominal_fit
-        addable = self._addable(Model(nominal))
         axis, names, free = problem.believed, tuple[str, ...](), tuple[str, ...]()
+        gram = self._by_force(problem.fit(axis, (), noises_of(nominal), 0))
         late, limit = ForceView(problem, axis).late_drive()
         for name, values in ((DELAY, {"delay": late}), (LIMIT, {"limit": limit})):
-            if all(0.0 < v < math.inf for v in values.values()) and name in addable:
+            if all(0.0 < v < math.inf for v in values.values()) and name in gram.names:
                 start = with_effect(axis, name, values)
                 axis, names, free = start.axis, (*names, name), (*free, *start.free)
-        here = problem.fit(axis, free, noises_of(nominal), 0)
-        gram = self._by_force(here, names)
+        if names:
+            beside = self._by_force(problem.fit(axis, free, noises_of(nominal), 0), names)
+            # A late drive may do what another missing force does: it must leave less.
+            if beside.least_squares(MOST) < _HALVED * gram.least_squares(MOST):
+                gram = beside
+            else:
+                axis, names, free = problem.believed, (), ()
         self.first = gram.singles | self.first
         for name, odds in gram.odds.items():
             self.odds[name] = max(odds, self.odds.get(name, 0.0))
@@ -277,15 +284,20 @@ class Search:
         looks = Looks(self.problem, now.fit, self.odds, self._fail)
         looks.fit(_about(among, self._proposals(now, grams)))
         # Shapes with a memory take passes of the filter: they are tried where friction builds up
-        # after reversals and no explanation leaves nothing; beside or in the place of another
-        # cause, only where that is the first thing to be seen.
+        # after reversals, or single readings are far off, and no explanation leaves nothing; beside
+        # or in the place of another cause, only where the former is the first thing to be seen.
         fits = [now.fit, *(r.fit for r in looks.good), *([] if other is None else [other])]
         last = MOST if other is None and not looks.good else 1
         wanted = not among or any(effect_class(n).remembers for n in among)
         if (
             wanted
             and all(self.problem.left(fit) >= LEAST for fit in fits)
-            and self._after_reversal(now, grams) < last
+            and (
+                self._after_reversal(now, grams) < last
+                or (last > 1 and self.problem.outliers(now.fit) > STRONG)
+                or any(gram.bends for gram in grams)
+                or self.problem.imposed  # where a shape takes no pass of the filter
+            )
         ):
             for gram in grams:
                 gram.simulate()
@@ -496,7 +508,10 @@ class Search:
                 if same or row.reason or self.over(Model(row.fit, causes), now) < least:
                     continue
                 other = self.pruned(Model(row.fit, causes))
-                if {*other.causes} != {*now.causes} and self.over(other, now) > 0.5 * EQUAL:
+                if {*other.causes} == {*now.causes}:
+                    continue
+                gain = self.over(other, now)
+                if gain > 0.5 * EQUAL or (gain > -EQUAL and _simpler_set(other, now)):
                     return other
         return now
 
@@ -568,6 +583,15 @@ def _about(among: Collection[str], some: list[Proposal]) -> list[Proposal]:
 def _start_of(one: Proposal) -> _Start:
     """What tells starts of fits apart: causes, random force, whether instead of the base."""
     return frozenset(one.names), frozenset(one.free), one.quieter, one.held is None
+
+
+def _simpler_set(one: Model, other: Model) -> bool:
+    """Whether a model makes fewer assumptions than another, as `_assumptions` orders them."""
+    sizes = [
+        (len(m.fit.problem.names), sum(effect_class(n).rank for n in m.causes))
+        for m in (one, other)
+    ]  # fmt: skip
+    return sizes[0] < sizes[1]
 
 
 def _simpler(one: Row, other: Row) -> bool:

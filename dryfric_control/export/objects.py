@@ -6,22 +6,20 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.checks import positive
 from dryfric_control.compensation.design import Compensation
-from dryfric_control.compiled import axis_step, compensation, elastic, hybrid_filter, observer
+from dryfric_control.compiled import axis_step, compensation, elastic, observer
 from dryfric_control.export import entries
 from dryfric_control.export import translate as c
 from dryfric_control.export.translate import Function, Translator
 from dryfric_control.model.axis import FrictionAxis, check_pace
 from dryfric_control.model.effects.effect import Effect, law_address
-from dryfric_control.observer.design import ObserverDesign
-from dryfric_control.observer.hybrid_filter import HybridFilter
-from dryfric_control.observer.runtime import first_memory, tables
+from dryfric_control.observer.base import Observer
 from dryfric_control.text import rotary_words
 
 Array = NDArray[Any]
@@ -56,7 +54,25 @@ class Signal:
 
 @dataclass(frozen=True)
 class Exported:
-    """One object as numbers, memory, signals and the kernel of one sample."""
+    """One object as numbers, memory, signals and the kernel of one sample.
+
+    Notes
+    -----
+    Rules for a new object to export; an `Observer` follows them by its class, so none is needed.
+
+    1. A function of this module returns its parts from the object and the step, `_maker_of` names
+       that function, the kernel and the words.  Nothing else knows the kind of an object.
+    2. The kernel is the compiled function that runs in Python; it is translated, never written
+       twice.  It takes numbers, arrays and tuples; its loops are over a range, or searches with a
+       bound.  What it uses beyond that goes into `export/translate.py`.
+    3. `tables` are constant; everything that changes is in `memory`, whose size is fixed.
+    4. Inputs, outputs and starts are `Signal`s with a unit and a meaning, in the order of the
+       kernel's arguments.
+    5. `places` lists every place of the memory that holds a position, `rest` that of the time at
+       rest, `clock` that of a count of samples: single precision moves them.
+    6. `promise` says what is certified, or that nothing is.
+    7. A test compiles it and compares with the kernel, bit by bit (`tests/export/test_c_code.py`).
+    """
 
     name: str  # prefix of every C name
     kind: str  # in words
@@ -156,12 +172,7 @@ class Exported:
 
 def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Exported:
     """An object as it is exported."""
-    maker = next((made for kind, made in _MAKERS.items() if isinstance(obj, kind)), None)
-    if maker is None:
-        raise ValueError(
-            "obj must be a FrictionAxis, an ObserverDesign, a HybridFilter or a Compensation, "
-            f"got {type(obj).__name__}"
-        )
+    maker = _maker_of(obj)
     plant = isinstance(obj, FrictionAxis)
     if not plant and dt is not None and dt != obj.dt:
         raise ValueError(
@@ -176,12 +187,13 @@ def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Expo
             f"the drive is late by {delay:g} s, {delay / step:.4g} samples of dt = {step:g} s; "
             f"the exported memory holds {MOST_DELAY}: check the units of delay and dt"
         )
-    tail, kind, returns, entry, parts = maker
     known = obj if plant else obj.axis
     # An axis is named for people: what C does not take becomes "_".
-    free = re.sub(r"[^A-Za-z0-9_]+", "_", known.name + tail) if name is None else name
+    free = re.sub(r"[^A-Za-z0-9_]+", "_", known.name + maker.suffix) if name is None else name
     own = _identifier(free, name is None)
-    return Exported(own, kind, known, step, returns, entry, **parts(obj, step))
+    return Exported(
+        own, maker.kind, known, step, maker.returns, maker.entry, **maker.parts(obj, step)
+    )
 
 
 def _identifier(name: Any, of_axis: bool) -> str:
@@ -239,43 +251,23 @@ def _of_axis(axis: FrictionAxis, dt: float) -> dict[str, Any]:
     }
 
 
-def _of_observer(design: ObserverDesign, dt: float) -> dict[str, Any]:
-    length, force = design.axis.units
-    return {
-        "tables": tables(design)._asdict(),
-        "memory": first_memory(design),
-        "starts": (
-            (Signal("xhat0", length, "first estimate of the position", place=True), observer.XHAT),
-            (Signal("vhat0", f"{length}/s", "first estimate of the velocity"), observer.VHAT),
-            (Signal("what0", force, "first integral term"), observer.WHAT),
-        ),
-        "inputs": _drive_and_reading(design.axis),
-        "outputs": _estimates(design.axis),
-        "promise": design.summary(),
-        "places": ((observer.XHAT, 1.0), (observer.PLACE, 1.0)),
-        "rest": observer.REST,
+def _of_observer(made: Observer, dt: float) -> dict[str, Any]:
+    axis = made.axis
+    first = {
+        "xhat0": Signal("xhat0", axis.unit("m"), "first estimate of the position", place=True),
+        "vhat0": Signal("vhat0", axis.unit("m/s"), "first estimate of the velocity"),
+        "what0": Signal("what0", axis.unit("N"), "first integral term"),
     }
-
-
-def _of_filter(made: HybridFilter, dt: float) -> dict[str, Any]:
-    state = observer.LINE + int(made.tables.axis_integers[axis_step.N_HISTORY])
-    first, stride = state + hybrid_filter.BELIEFS + hybrid_filter.X, hybrid_filter.GAUSSIAN
-    quantum = float(made.tables.numbers[hybrid_filter.QUANTUM])
-    cells = [(first + mode * stride, quantum) for mode in range(3)]
-    speed, words = f"{made.axis.units[0]}/s", "logarithm of the probability of the reading"
-    more = (
-        Signal("vhat_sd", speed, "standard deviation of vhat"),
-        Signal("log_likelihood", "1", words),
-    )
+    more = (Signal(one.name, axis.unit(one.unit), one.meaning) for one in made.more_outputs)
     return {
-        "tables": made.tables._asdict(),
-        "memory": np.zeros(made.memory_size),
-        "inputs": _drive_and_reading(made.axis),
-        "outputs": (*_estimates(made.axis), *more),
-        "promise": "A filter of three modes carries no certificate: it states its own standard "
-        "deviation.",
-        "places": ((observer.XHAT, 1.0), (state + hybrid_filter.READING, 1.0), *cells),
-        "rest": observer.REST,
+        "tables": made.tables()._asdict(),
+        "memory": made.memory(),
+        "starts": tuple((first[name], place) for name, place in made.starts.items()),
+        "inputs": _drive_and_reading(axis),
+        "outputs": (*_estimates(axis), *more),
+        "promise": made.promise,
+        "places": made.position_places,
+        "rest": made.rest_place,
     }
 
 
@@ -312,22 +304,38 @@ def _of_compensation(comp: Compensation, dt: float) -> dict[str, Any]:
     }
 
 
-_ESTIMATED = (
-    "A step returns the estimate at the instant of the reading, under the drive from then on; "
-    "then it predicts the next sample."
-)
-#: What can be exported: end of its name, its kind, what a step returns, kernel, its other parts.
-_MAKERS: dict[type, tuple[str, str, str, Callable[..., Any], Callable[..., dict[str, Any]]]] = {
-    FrictionAxis: (
-        "", "axis with dry friction",
-        "A step returns the axis at the start of the sample, under the new input; then it moves.",
-        entries.move, _of_axis,
-    ),
-    ObserverDesign: ("_observer", "switched PI observer", _ESTIMATED, observer.step, _of_observer),
-    HybridFilter: ("_filter", "hybrid cell filter", _ESTIMATED, hybrid_filter.step, _of_filter),
-    Compensation: (
-        "_compensation", "friction-compensating position controller",
-        "A step returns the drive of this sample: give it out at once, and hold it.",
-        entries.compensate, _of_compensation,
-    ),
-}  # fmt: skip
+class _Maker(NamedTuple):
+    """How an object becomes `Exported`."""
+
+    suffix: str  # end of its names
+    kind: str  # in words
+    returns: str  # what a step returns
+    entry: Callable[..., Any]  # kernel of one sample
+    parts: Callable[..., dict[str, Any]]  # its other parts
+
+
+def _maker_of(obj: Any) -> _Maker:
+    if isinstance(obj, FrictionAxis):
+        returns = (
+            "A step returns the axis at the start of the sample, under the new input; "
+            "then it moves."
+        )
+        return _Maker("", "axis with dry friction", returns, entries.move, _of_axis)
+    if isinstance(obj, Observer):
+        returns = (
+            "A step returns the estimate at the instant of the reading, under the drive from then "
+            "on; then it predicts the next sample."
+        )
+        return _Maker(obj.suffix, obj.title, returns, obj.sample_kernel.step, _of_observer)
+    if isinstance(obj, Compensation):
+        return _Maker(
+            "_compensation",
+            "friction-compensating position controller",
+            "A step returns the drive of this sample: give it out at once, and hold it.",
+            entries.compensate,
+            _of_compensation,
+        )
+    raise ValueError(
+        "obj must be a FrictionAxis, an observer (such as an ObserverDesign or a HybridFilter) or "
+        f"a Compensation, got {type(obj).__name__}"
+    )

@@ -19,6 +19,7 @@ from dryfric_control.model.blocks import axis_block, encoder, reference_filter
 from dryfric_control.model.loops import LoopController, PositionController
 from dryfric_control.model.responses import SimulationResponse
 from dryfric_control.observer import runtime
+from dryfric_control.observer.base import OUTPUTS, ObserverResponse
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.text import Result, plain_data
 from dryfric_control.ties import samples as steps_in
@@ -132,7 +133,7 @@ class ObservedLoop(Result):
     design: ObserverDesign
     reference: Floats  # behind the low-pass [m]
     plant: SimulationResponse  # outputs x, v, F, mode, u, y
-    estimate: runtime.ObserverResponse  # outputs xhat, vhat, Fhat, what, mode
+    estimate: ObserverResponse  # outputs xhat, vhat, Fhat, what, mode
     start: float  # observer at the start [m]
 
     @property
@@ -220,8 +221,8 @@ def simulate_observed_loop(
     """
     check_loop(controller, design)
     instance("axis", axis, FrictionAxis)
-    runtime.tables(design, switching, quantum)
-    runtime.first_memory(design, 0.0 if xhat0 is None else finite("xhat0", xhat0), vhat0, what0)
+    design.tables(switching, quantum)
+    design.memory(0.0, None if xhat0 is None else finite("xhat0", xhat0), vhat0, what0)
     x0 = finite("x0", x0)
     r = samples("reference", reference)
     if bandwidth is not None:
@@ -284,7 +285,7 @@ def observed_loop(
     ]
     sources = {name: f"plant.{name}" for name in _PLANT[:4]}
     sources |= {"u": "controller.u", "y": "encoder.y", "xref": "reference_filter.xref"}
-    sources |= {name: f"observer.{name}" for name in runtime.OUTPUTS[:4]}
+    sources |= {name: f"observer.{name}" for name in OUTPUTS[:4]}
     sources["mode_hat"] = "observer.mode"
     # Signals of one name are connected.
     return ct.interconnect(

@@ -11,10 +11,12 @@ import numpy as np
 
 from dryfric_control.arrays import Floats, Ints
 from dryfric_control.checks import one_of, positive, sampling_time, whole
+from dryfric_control.compiled import observer as kernel
 from dryfric_control.model.axis import MODES, FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.responses import check_mode
 from dryfric_control.observer import error_model
+from dryfric_control.observer.base import Kernel, Observer
 from dryfric_control.observer.certificate import (
     Certificate,
     CertificateError,
@@ -30,19 +32,33 @@ from dryfric_control.observer.error_model import (
     mode_classes,
     own_axis,
 )
-from dryfric_control.observer.switching import ModeGraph, allowed_pairs, dwell_graph, window_graph
+from dryfric_control.observer.pi_tables import Tables, pi_memory, pi_tables
+from dryfric_control.observer.switching import ModeGraph, allowed_pairs, window_graph
 from dryfric_control.observer.synthesis import SOLVERS, Scales, certified_solution, scales_of
-from dryfric_control.store.saved import Saved
 from dryfric_control.text import Result, documented, stated
 
-METHODS = ("paper", "slack", "path", "dwell")
+METHODS = ("paper", "slack", "path")
 #: Memory in samples where the user names none.
-DEFAULT_WINDOW = {"paper": 1, "slack": 1, "path": 4, "dwell": 16}
+DEFAULT_WINDOW = {"paper": 1, "slack": 1, "path": 4}
+#: States of the block before the line of delayed drives.
+STATES = (
+    "xhat",
+    "vhat",
+    "what",
+    "mode",
+    "memory",
+    "rest",
+    "error_minus",
+    "error_plus",
+    "place",
+    "count",
+    "lagged",
+)
 
 
 @documented
 @dataclass(frozen=True, eq=False, repr=False)
-class ObserverDesign(Saved, Result):
+class ObserverDesign(Observer, Result):
     """A switched PI observer: gains, specifications, certificate.
 
     Made by `design_pi_observer`.
@@ -60,7 +76,7 @@ class ObserverDesign(Saved, Result):
 
     axis: FrictionAxis = stated("Model of the observer: own levels and stick velocity, no peak.")
     dt: float = stated("Sampling time [s].")
-    method: str = stated("paper, slack, path or dwell.")
+    method: str = stated("paper, slack or path.")
     window: int = stated("Memory of past modes [samples].")
     discretization: str = stated("euler or zoh.")
     form: str = stated("current or prediction.")
@@ -79,9 +95,61 @@ class ObserverDesign(Saved, Result):
     lyapunov: Floats = stated("Lyapunov matrices that prove the gain, scaled, shape (n, 3, 3).")
     lyapunov_decay: Floats = stated("Lyapunov matrices that prove the decay.")
     certificate: Certificate = stated("The recomputed check.")
+    title = "switched PI observer"
+    label = "design"
+    sample_kernel = Kernel(kernel.step, kernel.run)
+    starts = {"xhat0": kernel.XHAT, "vhat0": kernel.VHAT, "what0": kernel.WHAT}  # noqa: RUF012
+    starts_at_reading = True
     _kind = "observer design"
     _holds = (ModeGraph,)
     _broken = CertificateError
+
+    def tables(self, switching: str = "reading", encoder_quantum: float | None = None) -> Tables:
+        """Arrays of the compiled observer.
+
+        Parameters
+        ----------
+        switching, encoder_quantum
+            As for `pi_observer`.
+        """
+        return pi_tables(self, switching, encoder_quantum)
+
+    def memory(
+        self,
+        reading: float = 0.0,
+        xhat0: float | None = None,
+        vhat0: float = 0.0,
+        what0: float = 0.0,
+    ) -> Floats:
+        """Memory before the first sample, shape (nstates,).
+
+        Parameters
+        ----------
+        reading : float, optional
+            The first reading [m].
+        xhat0, vhat0, what0 : float, optional
+            As for `observe`.
+        """
+        return pi_memory(self, reading if xhat0 is None else xhat0, vhat0, what0)
+
+    @property
+    def position_places(self) -> tuple[tuple[int, float], ...]:
+        """Places of the memory that hold a position, and its unit."""
+        return ((kernel.XHAT, 1.0), (kernel.PLACE, 1.0))
+
+    @property
+    def promise(self) -> str:
+        """What is guaranteed, for the documents of exported code."""
+        return self.summary()
+
+    def state_names(self) -> list[str]:
+        """Names of the states of `block`."""
+        delays = range(self.memory().size - kernel.LINE)
+        return [*STATES, *(f"u{k}" for k in delays)]
+
+    def state_ranges(self) -> dict[str, tuple[int, int]]:
+        """Least and largest value of states that are whole numbers."""
+        return {"mode": (-1, 1), "memory": (0, len(self.graph.labels))}
 
     @property
     def lower_bound(self) -> float:
@@ -253,9 +321,8 @@ def design_pi_observer(
     dt : float
         Sampling time [s]; one of 0.1 s or more raises a warning.
     method : str
-        "paper" (Theorem 1, corrected), "slack" (a slack matrix per mode, never worse), "path"
-        (everything indexed by the last `window` modes) or "dwell" (indexed by how long the present
-        and the previous mode have lasted, sliding counted up to `window` samples).
+        "paper" (Theorem 1, corrected), "slack" (a slack matrix per mode, never worse) or "path"
+        (everything indexed by the last `window` modes).
     uncertainty : float or mapping of int to float, optional
         Amplitude of the force uncertainty [N], or one for each mode.
     noise : float, optional
@@ -269,7 +336,7 @@ def design_pi_observer(
     encoder_quantum : float, optional
         Resolution of the position sensor [m], for the default of `noise`.
     window : int, optional
-        Memory of past modes [samples]: "path" 4, "dwell" 16 by default.
+        Memory of past modes [samples]: "path" 4 by default.
     pairs : iterable of (int, int), optional
         Allowed changes of mode.  Default: all.
     discretization : str
@@ -313,9 +380,7 @@ def design_pi_observer(
     if isinstance(window, bool) or window not in range(1, 65):
         raise ValueError(f"window must be a whole number of samples from 1 to 64, got {window!r}")
     if method in ("paper", "slack") and window != 1:
-        raise ValueError(
-            f"window = {window} has no meaning for method {method!r}: use 'path' or 'dwell'"
-        )
+        raise ValueError(f"window = {window} has no meaning for method {method!r}: use 'path'")
     if whole("refine", refine, least=0) and method == "paper":
         raise ValueError(f"refine must be 0 for 'paper', which has no rounds, got {refine!r}")
     one_of("form", form, FORMS)
@@ -338,7 +403,7 @@ def design_pi_observer(
     scales = scales_of(models, weights)
     error_model.check_detectable(models, scales.state, weights.decay)
     allowed = allowed_pairs(classes, pairs)
-    graph = (dwell_graph if method == "dwell" else window_graph)(allowed, int(window))
+    graph = window_graph(allowed, int(window))
     problem = Problem(scales.apply(models), graph, weights.decay)
     candidate, gamma = certified_solution(
         problem, paper=method == "paper", refine=refine, solver=solver

@@ -20,12 +20,8 @@ import numpy as np
 from numba import njit
 
 from dryfric_control.arrays import Floats
-from dryfric_control.observer.error_model import STICK, ErrorModel
+from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.ties import ranked
-
-#: Longest remembered run of sticking, present and previous, in samples: with
-#: usual decay rates the remaining velocity is gone after that many.
-PRESENT_STICK, PREVIOUS_STICK = 4, 2
 
 
 @dataclass(frozen=True)
@@ -76,31 +72,6 @@ def window_graph(pairs: set[tuple[int, int]], length: int) -> ModeGraph:
     edges = [(index[w], index[(*w, key)[1:]]) for w, key in following if (w[-1], key) in pairs]
     names = tuple(",".join(map(str, word)) for word in words)
     return ModeGraph(tuple(word[-1] for word in words), tuple(edges), names)
-
-
-def dwell_graph(pairs: set[tuple[int, int]], longest: int) -> ModeGraph:
-    """Memory of how long the present and the previous mode have lasted, sliding up to `longest`."""
-    keys = sorted({a for a, _ in pairs})
-    present = {key: min(longest, PRESENT_STICK) if key == STICK else longest for key in keys}
-    previous = {key: min(longest, PREVIOUS_STICK) if key == STICK else longest for key in keys}
-    into = sorted((key, before) for before, key in pairs if key != before)
-    nodes = [
-        (key, age, before, length)
-        for key, before in into
-        for age in range(1, present[key] + 1)
-        for length in range(1, previous[before] + 1)
-    ]
-    # a mode nothing leads to can still be the first one
-    entered = {node[0] for node in nodes}
-    nodes += [(k, a, k, 0) for k in keys if k not in entered for a in range(1, present[k] + 1)]
-    index = {node: k for k, node in enumerate(nodes)}
-    edges = []
-    for (key, age, before, length), k in index.items():
-        edges.append((k, index[key, min(age + 1, present[key]), before, length]))
-        lasted = min(age, previous[key])
-        edges += [(k, index[other, 1, key, lasted]) for other, left in into if left == key]
-    names = tuple(f"{key} for {age} after {before} for {n}" for key, age, before, n in nodes)
-    return ModeGraph(tuple(node[0] for node in nodes), tuple(edges), names)
 
 
 #: Relative width at which a bisection on gamma stops.

@@ -270,7 +270,7 @@ def _proved(
 def _advice(problem: Problem, paper: bool, solver: str) -> str:
     """Which specification stands in the way."""
     decay = problem.decay
-    mend = "or use more memory (method='path' or 'dwell')" + see("observer")
+    mend = "or use more memory (method='path', a longer window)" + see("observer")
     with suppress(ValueError):
         if decay < 1.0:
             certified_solution(replace(problem, decay=1.0), paper=paper, solver=solver)

@@ -9,6 +9,7 @@ import numpy as np
 
 from dryfric_control.records.bad_readings import FILLED, REASONS, held_for
 from dryfric_control.records.motion import ONE_VELOCITY, Record, directions, reversals, usual_speeds
+from dryfric_control.records.staircase import staircase
 from dryfric_control.text import Result, documented, length_text, stated
 
 # What a record must have: shortest rest [s] and [samples], parts of the samples that slide, part of
@@ -177,6 +178,14 @@ def _messages(found: RecordCheck, record: Record) -> Iterator[str]:
         yield "no drive: only ratios to the mass can be determined; give it as known"
     if (taken := energy_message(record, found.units)) is not None:
         yield taken
+    if (steps := staircase(record.u, record.input_quantum)) is not None:
+        age = steps.period * record.dt
+        yield (
+            f"the drive is a staircase: it changes every {1e3 * age:.4g} ms "
+            f"({1.0 / age:.4g} Hz) and is repeated in between, so its age is 0 to {1e3 * age:.4g} "
+            'ms. If it was measured at that rate, read the file with hold="first", which brings '
+            "it along straight lines; if the drive held it, all is well"
+        )
     count, first = held_for(record.x, found.quantum)
     if count > 1:
         yield (

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dryfric_control.checks import instance, positive
-from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, Wanted
-from dryfric_control.records.readers.sources import read_channels
+from dryfric_control.checks import instance
+from dryfric_control.records.readers.channels import MAX_ROWS
+from dryfric_control.records.readers.reading import read_as
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_checks import vector
-from dryfric_control.records.record_warning import warn
 from dryfric_control.records.scaling import Scaling
 from dryfric_control.store.files import read_json
 
@@ -35,6 +34,8 @@ def read_record(
     unwrap: float | None = None,
     max_rows: int = MAX_ROWS,
     joint: str | int | None = None,
+    hold: str = "zero",
+    database: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> Record:
     """Read a record from a file, data frame or mapping.
 
@@ -44,8 +45,10 @@ def read_record(
         Delimited text (.csv, .tsv, .txt, .dat, .t, each also with .gz; comma, semicolon, tab or
         blanks; decimal comma unless commas separate; ``#`` and ``%`` comments; with or without
         headings; UTF-8 or UTF-16; exports of TwinCAT Scope), a MAT-file of version 4 to 7, .npz,
-        .npy, .jsonl (an object a line), .xlsx and .parquet (need pandas), .mcap (needs the extra
-        ``mcap``), or arrays by name, where a path is a file with this channel alone.
+        .npy, .jsonl (an object a line), or arrays by name, where a path is a file with this channel
+        alone. With extras: .xlsx and .parquet (``tables``), a MAT-file of version 7.3 (``mat73``),
+        .mf4 and .mdf (``mdf``), .tdms (``tdms``), .mcap (``mcap``), .bag, .db3 or the folder of a
+        bag (``ros``), .blf, .asc, .trc and .log of a CAN bus (``can``), .ulg (``ulog``).
     columns : mapping, optional
         Heading or index for any of ``t``, ``u``, ``x``, ``reference`` and the known channels ``v``
         (velocity), ``a`` (acceleration), ``x2`` (second encoder), ``good`` (0 where x may not be
@@ -75,6 +78,11 @@ def read_record(
     joint : str or int, optional
         Joint of a log of several, by its name or number in the headings, such as ``"elbow"`` of
         ``position.elbow`` or 3 of ``q3``.
+    hold : {"zero", "first"}
+        How the input runs between its own stamps, where it comes to those of the position: held,
+        or along straight lines. The position is never resampled, unless `dt` asks for it.
+    database : path-like or sequence of them, optional
+        What the frames of a CAN log hold: a DBC, or the EDS or DCF of a drive of CiA 402.
 
     Returns
     -------
@@ -85,7 +93,10 @@ def read_record(
     Raises
     ------
     ValueError
-        For everything wrong inside, with row and column.
+        For everything wrong inside, with row and column: all reasons at once, and the call that
+        reads the source, where arguments can mend it.
+    ImportError
+        Where a file needs an extra, with the line to type.
 
     Examples
     --------
@@ -98,48 +109,10 @@ def read_record(
     >>> record.notes
     ('t converted from ms to s', 'x converted from mm to m')
     """
-    if rate is not None and dt is not None:
-        raise ValueError(
-            "rate and dt are both given: rate is for a source without a column of time"
-        )
-    if max_gap is not None and dt is None:
-        raise ValueError("max_gap is for resampling: give dt= too")
-    step = None if dt is None else positive("dt", dt)
-    if rate is not None:
-        step = 1.0 / positive("rate", rate)
-    timed = False if rate is not None else None if dt is not None else True
-    wanted = Wanted(columns, joint, timed, step is not None, max_rows)
-    found = read_channels(source, wanted, gain, units, step)
-    values: dict[str, Any] = {"u": None, "x": None, **found.values}
-    good = values.pop("good", None)
-    extras = {role: values.pop(role) for role in EXTRAS if role in values}
-    if values["x"] is None and "x" not in (columns or {}):
-        warn(f"{found.name or 'the source'} has no position: it is the integral of the velocity")
-    kept = ("units", "notes", "quantum", "raw")
-    options: dict[str, Any] = {field: getattr(found, field) for field in kept}
-    options |= {"name": found.name if name is None else name, "unwrap": unwrap, "channels": extras}
-    if good is not None or found.masked is not None:
-        options["good"] = np.ones(np.size(values["t"]), bool) if good is None else good != 0
-    try:
-        gaps = step is not None and any(map(_has_gaps, values.values()))
-        if gaps or (dt is not None and found.timed):
-            return Record.from_irregular(**values, dt=step, max_gap=max_gap, **options)
-        record = Record(**values, **options)
-    except ValueError as problem:
-        if not isinstance(source, (str, os.PathLike)):
-            raise
-        raise ValueError(f"{Path(source).name}: {problem}") from None
-    if found.masked and len(found.masked) == len(record.masked.reasons):
-        return record._with(masked=record.masked._replace(reasons=found.masked))
-    return record
-
-
-def _has_gaps(values: Any) -> bool:
-    """Whether some of the numbers are missing."""
-    if np.ma.is_masked(values):
-        return True
-    array = np.asarray(values if values is not None else ())
-    return array.dtype.kind == "f" and not np.isfinite(array).all()
+    return read_as(
+        Record, source, columns, gain, units=units, name=name, dt=dt, rate=rate, max_gap=max_gap,
+        unwrap=unwrap, max_rows=max_rows, joint=joint, hold=hold, database=database,
+    )  # fmt: skip
 
 
 #: Under the name beside `read_record`.

@@ -24,9 +24,11 @@ from dryfric_control.records import record_checks as checks
 from dryfric_control.records.bad_readings import NONE, Masked
 from dryfric_control.records.data_check import RecordCheck, assumed_units, check_record, factors
 from dryfric_control.records.motion import directions
-from dryfric_control.records.readers.channels import EXTRAS, ROLES
+from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, ROLES
+from dryfric_control.records.readers.reading import read_as
 from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
 from dryfric_control.records.record_warning import RecordWarning, warn
+from dryfric_control.records.refusal import RefusalError
 from dryfric_control.records.resolution import ROUNDING, Resolution
 from dryfric_control.store.files import file_path, replacing
 from dryfric_control.store.saved import Saved
@@ -556,10 +558,11 @@ class Record(Saved):
         limit += 1e-3 * median  # time stamps are rounded
         if np.any(steps > limit):
             k = int(np.argmax(steps > limit))
-            raise ValueError(
+            raise RefusalError(
                 f"gap of {steps[k]:.4g} s after t[{k}] = {tv[k]:.6g} s, longer than "
                 f"{limit:.3g} s: filling it would invent data. Use Record.split_at_gaps(...), or "
-                f"allow it with max_gap={1.01 * float(steps.max()):.3g}"
+                f"allow it with max_gap={1.01 * float(steps.max()):.3g}",
+                **checks.short_gap(steps),
             )
         factor = checks.checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
         found = checks.unwrapped(found, options.pop("unwrap", None), factor)
@@ -756,10 +759,7 @@ class Record(Saved):
         """
         if not hasattr(frame, "columns"):
             raise ValueError(f"from_frame needs a data frame, got {type(frame).__name__}")
-        # Here: reading makes records.
-        from dryfric_control.records.read import read_record
-
-        return read_record(frame, columns, **options)
+        return read_as(cls, frame, columns, **{"max_rows": MAX_ROWS, **options})
 
     def to_pandas(self) -> pandas.DataFrame:
         """Data frame that `from_frame` turns back into this record.

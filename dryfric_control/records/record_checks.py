@@ -14,14 +14,15 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.checks import finite, one_of, positive
 from dryfric_control.records.bad_readings import roundest
+from dryfric_control.records.clock import JITTER_LIMIT, single_spacing
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, units_by_role
 from dryfric_control.records.record_warning import warn
+from dryfric_control.records.refusal import RefusalError
 from dryfric_control.records.resolution import QUANTA
 from dryfric_control.ties import NEAR
 from dryfric_control.units import si_unit
 
 MIN_SAMPLES = 10
-JITTER_LIMIT = 0.01  # of one step; rounded time stamps stay below
 _MAX_MAGNITUDE = 1e100  # squares stay finite
 
 
@@ -213,12 +214,30 @@ def increasing_steps(t: Floats) -> Floats:
     same = steps == 0
     if same.any():
         k = int(np.argmax(same))
-        raise ValueError(
+        few = same.sum() <= _DOUBLED * t.size
+        raise RefusalError(
             f"t has {int(same.sum())} duplicated time stamps, first t[{k}] = t[{k + 1}] = "
             f"{t[k]:.9g}; keep one of each: keep = np.r_[True, np.diff(t) > 0], or, of an even "
-            "clock in coarse stamps, give rate= and columns={'t': None}"
+            "clock in coarse stamps, give rate= and columns={'t': None}",
+            **({"dt": _usual(steps[~same])} if few else {"rate": ..., "columns": {"t": None}}),
         )
     return steps
+
+
+# Longest gap that a line to copy fills, in usual steps.
+_SHORT_GAP = 50.0
+
+
+def short_gap(steps: Floats) -> dict[str, float]:
+    """The argument that fills the gaps of a record, none where one is too long to be filled."""
+    longest = float(steps.max())
+    short = longest <= _SHORT_GAP * float(np.median(steps))
+    return {"max_gap": float(f"{1.01 * longest:.3g}")} if short else {}
+
+
+def _usual(steps: Floats) -> float:
+    """Step to which a record is resampled where the user names none [s]."""
+    return float(f"{np.median(steps):.3g}")
 
 
 def uniform_step(t: Floats) -> float:
@@ -232,15 +251,17 @@ def uniform_step(t: Floats) -> float:
         missing = int(np.sum(np.rint(steps[long] / median) - 1))
         longest = float(steps.max())
         allowed = f", max_gap={1.01 * longest:.3g}" if longest > 5.0 * median else ""
-        raise ValueError(
+        more = short_gap(steps) if allowed else {}
+        raise RefusalError(
             f"{int(long.sum())} gaps in t, about {missing} samples dropped; the first of "
             f"{steps[k]:.4g} s (step {median:.4g} s) after t[{k}] = {t[k]:.6g} s, the longest of "
             f"{longest:.4g} s. Split there with Record.split_at_gaps(...), or fill short ones with "
-            f"Record.from_irregular(...) or read_record(..., dt={median:.4g}{allowed})"
+            f"Record.from_irregular(...) or read_record(..., dt={median:.4g}{allowed})",
+            dt=_usual(steps),
+            **more,
         )
     dt = float((t[-1] - t[0]) / (t.size - 1))
-    single = np.array_equal(t.astype(np.float32), t)
-    resolution = float(np.spacing(np.abs(t).max().astype(np.float32 if single else np.float64)))
+    resolution = single_spacing(t) or float(np.spacing(np.abs(t).max()))
     jitter = float(np.abs(steps - dt).max())
     if jitter > JITTER_LIMIT * dt:
         coarse = (
@@ -248,20 +269,27 @@ def uniform_step(t: Floats) -> float:
             if resolution > 0.1 * JITTER_LIMIT * dt
             else ""
         )
-        raise ValueError(
+        raise RefusalError(
             f"t is not uniform: steps from {steps.min():.4g} s to {steps.max():.4g} s, jitter "
             f"{100 * jitter / dt:.3g} % of dt = {dt:.4g} s (limit {100 * JITTER_LIMIT:g} %). "
             f"Resample with Record.from_irregular(...) or read_record(..., dt={median:.3g}); "
-            f"if only the stamps are coarse, pass t = t0 + dt * np.arange(n).{coarse}"
+            f"if only the stamps are coarse, pass t = t0 + dt * np.arange(n).{coarse}",
+            dt=_usual(steps),
         )
     off = float(np.abs(t - t[0] - dt * np.arange(t.size)).max())
     if off > 0.5 * dt:
-        raise ValueError(
+        raise RefusalError(
             f"the clock of t drifts: {off:.3g} s away from uniform, more than half of dt = "
-            f"{dt:.4g} s. Resample with Record.from_irregular(...)"
+            f"{dt:.4g} s. Resample with Record.from_irregular(...)",
+            dt=_usual(steps),
         )
     # the roundest step that the stamps cannot tell from the mean
     return roundest(dt, (off + 4 * resolution) / (t.size - 1))
+
+
+# Way back and forth, as a part of the range, of an axis that does not turn round; one that does is
+# not driven by a constant force.
+_TURNS_BACK = 0.05
 
 
 def check_motion(u: Floats, x: Floats, grid: float | None = None) -> None:
@@ -270,10 +298,12 @@ def check_motion(u: Floats, x: Floats, grid: float | None = None) -> None:
     if _constant(x):
         raise ValueError(f"x is constant ({x[0]:.6g}): the axis never moved, or the wrong column")
     if _constant(u) and u.any():
-        raise ValueError(
-            f"u is constant ({u[0]:.6g}): without excitation nothing can be learned; check the "
-            "column. A free motion has u = 0 throughout"
-        )
+        if float(np.abs(np.diff(x)).sum() - abs(x[-1] - x[0])) > _TURNS_BACK * float(np.ptp(x)):
+            raise ValueError(
+                f"u is constant ({u[0]:.6g}): without excitation nothing can be learned; check the "
+                "column. A free motion has u = 0 throughout"
+            )
+        warn(f"u is constant ({u[0]:.6g}): a run under one force, which shows little")
 
     def jump(k: int) -> str:
         return f"x[{k}] = {x[k]:.6g} to x[{k + 1}] = {x[k + 1]:.6g}"
@@ -289,10 +319,12 @@ def check_motion(u: Floats, x: Floats, grid: float | None = None) -> None:
     ends = np.sort((x[jumps], x[jumps + 1]), axis=0)
     wraps = jumps[lone & (ends[0] <= x.min() + 0.1 * span) & (ends[1] >= x.max() - 0.1 * span)]
     if wraps.size:
-        raise ValueError(
+        period = _period(x, wraps, grid)
+        raise RefusalError(
             f"x jumps {wraps.size} times across its whole range, first from {jump(wraps[0])}: the "
-            f"encoder wraps around. Pass its period, unwrap={_period(x, wraps, grid):.10g} perhaps;"
-            " if runs were joined, or the counter was set to zero, split there"
+            f"encoder wraps around. Pass its period, unwrap={period:.10g} perhaps;"
+            " if runs were joined, or the counter was set to zero, split there",
+            unwrap=float(f"{period:.10g}"),
         )
     if (last := _set_to_zero(x, steps)) is not None:
         warn(

@@ -8,13 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.parsers import expat
+from xml.sax.saxutils import escape
 
 from dryfric_control.simulators.joint_values import SimulatorValues
 from dryfric_control.store.files import existing_file, file_path, write_file
 
 # An attribute in a start tag, and the end of the tag; quoted values may contain ">".
-_ATTRIBUTE = rb"""\s+(%s)\s*=\s*("[^"]*"|'[^']*')"""
-_TAG = re.compile(rb"""<[^\s/>]+(?:\s+[^\s=]+\s*=\s*(?:"[^"]*"|'[^']*'))*(\s*/?>)""")
+_ATTRIBUTE = re.compile(rb"""\s+([^\s=]+)\s*=\s*("[^"]*"|'[^']*')""")
+_TAG = re.compile(rb"""(<[^\s/>]+)((?:\s+[^\s=]+\s*=\s*(?:"[^"]*"|'[^']*'))*)(\s*/?>)""")
 
 
 def read_model(model: Any, out: Any) -> tuple[Path, bytes, Path]:
@@ -49,27 +50,40 @@ def number(value: float) -> str:
     return f"{value:.6g}"
 
 
-class Element(NamedTuple):
-    """A start tag: where it begins, its attributes, its parent's name, how deep it is."""
+def quoted(text: str) -> str:
+    """Text as the value of an attribute of XML, with its quotation marks."""
+    escapes = {'"': "&quot;"} | {character: f"&#{ord(character)};" for character in "\t\n\r"}
+    return f'"{escape(text, escapes)}"'
 
-    at: int
+
+class Element(NamedTuple):
+    """A start tag of a file."""
+
+    at: int  # its first byte
     name: str
     attributes: dict[str, str]
-    path: tuple[str, ...]
+    path: tuple[str, ...]  # names of the elements around it, from the outermost
+    around: tuple[int, ...]  # the same by their places in the list of elements
+    end: int = 0  # first byte of its end tag
 
 
 def elements(path: Path, raw: bytes, kind: str, first: str) -> list[Element]:
     """Start tags in order of a file of a kind, which begins with a certain one."""
     found: list[Element] = []
-    inside: list[str] = []
+    around: list[int] = []
     parser = expat.ParserCreate()
 
     def start(name: str, attributes: dict[str, str]) -> None:
-        found.append(Element(parser.CurrentByteIndex, name, attributes, tuple(inside)))
-        inside.append(name)
+        names = tuple(found[i].name for i in around)
+        found.append(Element(parser.CurrentByteIndex, name, attributes, names, tuple(around)))
+        around.append(len(found) - 1)
+
+    def end(name: str) -> None:
+        i = around.pop()
+        found[i] = found[i]._replace(end=parser.CurrentByteIndex)
 
     parser.StartElementHandler = start
-    parser.EndElementHandler = lambda name: inside.pop()
+    parser.EndElementHandler = end
     try:
         parser.Parse(raw, True)
     except expat.ExpatError as problem:
@@ -87,15 +101,18 @@ def elements(path: Path, raw: bytes, kind: str, first: str) -> list[Element]:
 def attributes_set(raw: bytes, at: int, values: Mapping[str, str]) -> Edit:
     """The start tag that begins at a byte, with attributes set."""
     match = _tag(raw, at)
-    tag = raw[at : match.start(1)]
-    for name, value in values.items():
-        here = re.search(_ATTRIBUTE % name.encode(), tag)
-        if here:
-            quote = here[2][:1]
-            tag = tag[: here.start(2)] + quote + value.encode() + quote + tag[here.end(2) :]
+    missing, tag = dict(values), match[1]
+    for one in _ATTRIBUTE.finditer(match[2]):
+        name = one[1].decode()
+        if name in missing:
+            # Quotation marks and blanks stay as they are.
+            new = quoted(missing.pop(name))[1:-1].replace("'", "&#39;").encode()
+            begin, end = one.start(2) - one.start() + 1, one.end(2) - one.start() - 1
+            tag += one[0][:begin] + new + one[0][end:]
         else:
-            tag += f' {name}="{value}"'.encode()
-    return Edit(at, match.end(), tag + match[1])
+            tag += one[0]
+    tag += "".join(f" {name}={quoted(value)}" for name, value in missing.items()).encode()
+    return Edit(at, match.end(), tag + match[3])
 
 
 def child_added(raw: bytes, at: int, child: str) -> Edit:
@@ -103,6 +120,22 @@ def child_added(raw: bytes, at: int, child: str) -> Edit:
     end = _tag(raw, at).end()
     space = raw[end : end + len(raw[end:]) - len(raw[end:].lstrip())]
     return Edit(end, end, space + child.encode())
+
+
+def child_appended(raw: bytes, end: int, child: str) -> Edit:
+    """An element put last into the one whose end tag begins at a byte."""
+    before = raw[:end]
+    space = before[len(before.rstrip()) :]
+    indent = space + b"  " if b"\n" in space else space
+    return Edit(end - len(space), end, indent + child.encode() + space)
+
+
+def removed(raw: bytes, at: int) -> Edit:
+    """An element without content that begins at a byte, taken out with the blanks before it."""
+    before = raw[:at]
+    end = _tag(raw, at).end()
+    closing = re.compile(rb"\s*</[^>]*>").match(raw, end) if raw[end - 2 : end] != b"/>" else None
+    return Edit(len(before.rstrip()), closing.end() if closing else end, b"")
 
 
 def _tag(raw: bytes, at: int) -> re.Match[bytes]:

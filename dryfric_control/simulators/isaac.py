@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -14,7 +15,7 @@ from dryfric_control.simulators.joint_values import SimulatorValues
 from dryfric_control.store.files import file_path
 
 _ISAAC = joint_values.Format(
-    lambda c, shape, breakaway: {
+    lambda c, shape, breakaway, axis: {
         # The engine does not let go of a joint at less than what brakes it once it slides.
         "friction": max(breakaway, float(c[0])),
         "dynamic_friction": float(c[0]),
@@ -68,6 +69,11 @@ def to_isaac(
     names = list(dict.fromkeys(n for values in found.values.values() for n in values))
     lines = []
     for name in names:
-        entries = (f'"{joint}": {number(v[name])}' for joint, v in found.values.items())
+        entries = (f"{_literal(joint)}: {number(v[name])}" for joint, v in found.values.items())
         lines.append(f"    {name}={{{', '.join(entries)}}},\n")
     return written(found, place, f"JOINT_FRICTION = dict(\n{''.join(lines)})\n".encode())
+
+
+def _literal(name: str) -> str:
+    """A name as text of Python: that of JSON is such, but for halves of a character."""
+    return json.dumps(name, ensure_ascii=False)

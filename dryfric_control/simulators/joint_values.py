@@ -31,8 +31,12 @@ from dryfric_control.units import powers
 
 # Sliding samples that are sufficient, and velocities and places that stand in for a record.
 _SAMPLES, _VELOCITIES, _PLACES = 5000, 101, 9
-# Part of the friction below which a feature is said by the format.
+# Part of a number below which what a record leaves open does not change it.
 _SAID = 1e-6
+# Part of the friction below which the error of a feature is none.
+_STATED = 1e-4
+# Ratio of the errors of friction above which a richer format is not worth its parameters.
+_NEAR = 0.9
 # Change of a parameter for the propagation of its standard error, as a part of that error.
 _STEP = 1e-2
 # Causes that scale all forces together or one by one.
@@ -54,15 +58,30 @@ _ELSEWHERE = {
 _Systems = Sequence[tuple[str, str]]  # units of position and force
 
 
+def _straight(axis: FrictionAxis, c: Floats, shape: Any) -> FrictionAxis:
+    """An axis of a level and a viscous coefficient."""
+    return axis.replace(coulomb=float(c[0]), viscous=float(c[1]), stribeck=None, effects=())
+
+
 class Format(NamedTuple):
     """How a simulator states the friction of a joint."""
 
-    values: Callable[[Floats, Any, float], dict[str, Any]]  # of coefficients, shape, breakaway
+    values: Callable[[Floats, Any, float, FrictionAxis], dict[str, Any]]
+    """Of coefficients, shape, breakaway friction force and axis."""
     breakaway: bool = False  # whether it states the breakaway friction force on its own
     armature: str = ""  # name of the inertia beyond that of the bodies
     #: Of v and a shape, friction for each coefficient of 1: by default a level and a viscous one.
     columns: Callable[[Floats, Any], Floats] = lambda v, shape: np.column_stack((np.sign(v), v))
-    shapes: Callable[[Floats], Iterable[Any]] = lambda speed: (None,)  # those to choose from
+    #: Shapes to choose from, of the speeds and the axis.
+    shapes: Callable[[Floats, FrictionAxis], Iterable[Any]] = lambda speed, axis: (None,)
+    #: The axis as far as the format states it, of axis, coefficients and shape, where it can.
+    reduced: Callable[[FrictionAxis, Floats, Any], FrictionAxis] | None = None
+    #: Effects that are no part of the columns and stated nevertheless.
+    stated: frozenset[str] = frozenset()
+
+
+#: A format, or several of which a joint takes the simplest that is as good as any.
+Formats = Format | Callable[[FrictionAxis], Sequence[Format]]
 
 
 class Loss(NamedTuple):
@@ -98,11 +117,14 @@ class SimulatorValues(Result):
     standard_errors: dict[str, dict[str, float]] = stated("Infinite where a record does not tell.")
     lost: tuple[Loss, ...] = stated("What the format cannot say, and what takes its place.")
     friction_error: dict[str, float] = stated("RMS error of the friction while sliding.")
-    free_runs: dict[str, tuple[float, float]] = stated("RMS errors of the axis and of `reduced`.")
+    free_runs: dict[str, tuple[float, float]] = stated(
+        "RMS errors of the axis, and of MuJoCo (`to_mjcf`, where it is installed) or of `reduced`."
+    )
     reduced: dict[str, FrictionAxis] = stated("The axes as far as the format states them.")
     messages: tuple[str, ...] = stated("Why the values are not certain.")
     files: tuple[Path, ...] = stated("Files that were written.")
-    _told = (*"values standard_errors lost friction_error free_runs messages files".split(),)
+    notes: tuple[str, ...] = stated("What other programs make of the file.", ())
+    _told = (*"values standard_errors lost friction_error free_runs messages files notes".split(),)
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         names = list(dict.fromkeys(n for values in self.values.values() for n in values))
@@ -120,6 +142,7 @@ class SimulatorValues(Result):
             yield "not stated by the format:"
             yield [("joint", "what", "in its place", "RMS error"), *lost]
         yield from (f"warning: {message}" for message in self.messages)
+        yield from (f"note: {note}" for note in self.notes)
         if self.files:
             yield f"written: {', '.join(path.name for path in self.files)}"
 
@@ -172,7 +195,10 @@ def joints_of(
             joint = next(iter(there)) if len(there) == 1 else made.axis.name
         named = {joint: result}
     for name in named:
-        string("joint", name)
+        try:
+            string("joint", name).encode()
+        except UnicodeEncodeError:
+            raise ValueError(f"joint {name!r} is no text that a file can hold: rename it") from None
         if there and name not in there:
             raise ValueError(
                 f"joint {name!r} is not in the file: it has {', '.join(map(repr, there))}; give "
@@ -259,7 +285,7 @@ def checked_loads(
 
 
 def described(
-    form: Format,
+    formats: Formats,
     joints: Mapping[str, Joint],
     velocities: ArrayLike | None,
     loads: Mapping[str, float] | None = None,
@@ -275,13 +301,13 @@ def described(
         recorded, gain = referred(joint.axis)
         load = (loads or {}).get(name, 0.0)
         states = _States.of(joint, recorded, given)
+        form = _chosen(formats, recorded, states)
         numbers = functools.partial(_numbers, form, load, states)
         made.values[name] = numbers(joint.axis)
         made.standard_errors[name] = _errors(joint, made.values[name], numbers)
-        level, slope = _best(_STRAIGHT, recorded, states)[0]
-        made.reduced[name] = recorded.replace(
-            coulomb=level, viscous=slope, stribeck=None, effects=(), name=name
-        )
+        straight = form if form.reduced else _STRAIGHT
+        reduced = (form.reduced or _straight)(recorded, *_best(straight, recorded, states))
+        made.reduced[name] = reduced.replace(name=name)
         made.friction_error[name], found = _lost(form, name, recorded, states, joint.records)
         lost += found
         if gain != 1.0:
@@ -300,10 +326,24 @@ def described(
     return replace(made, lost=tuple(lost))
 
 
+def _chosen(formats: Formats, axis: FrictionAxis, states: _States) -> Format:
+    """The format, or of several the first whose friction is nearly as good as that of the best."""
+    if isinstance(formats, Format):
+        return formats
+    forms = formats(axis)
+    friction = _friction(axis, states)
+    errors = []
+    for form in forms:
+        coefficients, shape = _best(form, axis, states)
+        errors.append(_rms(friction - form.columns(states.v, shape) @ coefficients))
+    most = max(min(errors) / _NEAR, _STATED * _rms(friction))
+    return next(form for form, error in zip(forms, errors, strict=True) if error <= most)
+
+
 def _numbers(form: Format, load: float, states: _States, axis: FrictionAxis) -> dict[str, Any]:
     """Numbers of an axis in a format by name."""
     axis, _ = referred(axis)
-    found = form.values(*_best(form, axis, states), _breakaway(axis, states))
+    found = form.values(*_best(form, axis, states), _breakaway(axis, states), axis)
     return found | ({form.armature: max(axis.mass - load, 0.0)} if form.armature else {})
 
 
@@ -325,7 +365,7 @@ def referred(axis: FrictionAxis) -> tuple[FrictionAxis, float]:
     return scaled, gain
 
 
-_STRAIGHT = Format(lambda c, shape, breakaway: {})
+_STRAIGHT = Format(lambda c, *_: {})
 
 
 class _States(NamedTuple):
@@ -387,7 +427,7 @@ def _best(form: Format, axis: FrictionAxis, states: _States) -> tuple[Floats, An
     friction = _friction(axis, states)
     # Scaled columns: a viscous coefficient may be a million times the level.
     found = []
-    for shape in form.shapes(np.abs(states.v)):
+    for shape in form.shapes(np.abs(states.v), axis):
         columns = form.columns(states.v, shape)
         size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
         c, misfit = scipy.optimize.nnls(columns / size, friction)
@@ -461,11 +501,13 @@ def _lost(
     off, size = _rms(friction - columns @ coefficients), _rms(friction)
     found = []
     for what, effect, without in _features(axis, states.x):
+        if effect is not None and effect.slug in form.stated:
+            continue
         if effect is None or _dissipates(effect):
             part = friction - _friction(without, states)
             # What columns of the format do as well is no loss.
             left = part - columns @ np.linalg.lstsq(columns, part, rcond=None)[0]
-            if _rms(left) > _SAID * size or not np.any(part):
+            if _rms(left) > _STATED * size or not np.any(part):
                 found.append(Loss(joint, what, "least squares", _rms(left), force))
             continue
         instead = _ELSEWHERE.get(effect.slug, _ELSEWHERE.get(effect.action, "none"))

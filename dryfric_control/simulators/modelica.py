@@ -5,26 +5,44 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
+from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.simulators import joint_values
 from dryfric_control.simulators.files import Edit, applied, number, read_model, written
 from dryfric_control.simulators.joint_values import SimulatorValues
 
 # Velocities of the table.
 _KNOTS = 17
-_COMPONENT = re.compile(rb"\b(BearingFriction|SupportFriction)\s+([A-Za-z_]\w*)\s*(\()?")
 _TABLE = {"BearingFriction": "tau_pos", "SupportFriction": "f_pos"}
 _UNITS = {"BearingFriction": ("rad", "N m"), "SupportFriction": ("m", "N")}
 # What may hold brackets that are none: text and comments.
 _SKIPPED = re.compile(rb'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/', re.S)
+# A name in quotation marks.
+_QUOTED = re.compile(rb"'(?:\\.|[^'\\])*'")
+# The type of components, and whether all of them are arrays.
+_TYPE = re.compile(rb"\b(BearingFriction|SupportFriction)\b\s*(\[)?")
+_NAME = re.compile(rb"\s*([A-Za-z_]\w*)\s*")
+# A modifier of a component: what stands before its name, its name, and its own modifiers.
+_MODIFIER = re.compile(rb"\s*((?:(?:each|final)\s+)*)([A-Za-z_]\w*)\s*(?=[=(])")
 
 
-def _knots(speed: Floats) -> tuple[Floats]:
+class _Component(NamedTuple):
+    """A component of a file, by bytes."""
+
+    kind: str
+    name: str
+    array: bool
+    name_end: int  # where modifiers are added if there are none: behind name and dimensions
+    begin: int  # of the modifiers, behind the bracket; 0 without
+    end: int  # of the modifiers, at the bracket that closes them
+
+
+def _knots(speed: Floats, axis: FrictionAxis) -> tuple[Floats]:
     """Velocities of the table: closest where the record has most samples, each one of these."""
     return (np.unique(np.quantile(speed, np.linspace(0.0, 1.0, _KNOTS), method="lower")),)
 
@@ -35,7 +53,7 @@ def _hats(v: Floats, knots: Floats) -> Floats:
     return np.sign(v)[:, None] * np.column_stack(columns)
 
 
-def _table(c: Floats, knots: Floats, breakaway: float) -> dict[str, Any]:
+def _table(c: Floats, knots: Floats, breakaway: float, axis: FrictionAxis) -> dict[str, Any]:
     rows = [[0.0, breakaway], *([float(a), float(b)] for a, b in zip(knots, c, strict=True))]
     return {"table": rows, "peak": 1.0}
 
@@ -83,16 +101,24 @@ def to_modelica(
     """
     path, raw, place = read_model(model, out)
     bare = _SKIPPED.sub(lambda found: b" " * len(found[0]), raw)
-    there = {found[2].decode(): found for found in _COMPONENT.finditer(bare)}
+    bare = _QUOTED.sub(lambda found: b"_" * len(found[0]), bare)
+    there: dict[str, list[_Component]] = {}
+    for one in _components(raw, bare):
+        there.setdefault(one.name, []).append(one)
     if not there:
         raise ValueError(
             f"model {path.name} has no component BearingFriction or SupportFriction: the tables "
             "of Modelica.Mechanics are those of these"
         )
-    units = {name: (_UNITS[one[1].decode()],) for name, one in there.items()}
+    units = {name: (_UNITS[ones[0].kind],) for name, ones in there.items()}
     joints = joint_values.joints_of(result, joint, units, what="component")
     for name in joints:
-        if there[name][3] and _ends(bare, there[name].end(), len(bare), b"") == len(bare):
+        if len(there[name]) > 1:
+            raise ValueError(
+                f"model {path.name} has {len(there[name])} components {name!r}: give a file with "
+                "one of their models"
+            )
+        if there[name][0].end == len(bare):
             raise ValueError(
                 f"model {path.name}: a bracket of {name!r} is not closed: is the file whole?"
             )
@@ -100,31 +126,75 @@ def to_modelica(
     edits: list[Edit] = []
     for name, values in found.values.items():
         rows = "; ".join(f"{number(v)}, {number(f)}" for v, f in values["table"])
-        texts = {_TABLE[there[name][1].decode()]: f"[{rows}]", "peak": number(values["peak"])}
-        edits += _modified(bare, there[name], texts)
+        component = there[name][0]
+        texts = {_TABLE[component.kind]: f"[{rows}]", "peak": number(values["peak"])}
+        edits += _modified(bare, component, texts)
     return written(found, place, applied(raw, edits))
 
 
-def _modified(bare: bytes, component: re.Match[bytes], texts: dict[str, str]) -> Iterator[Edit]:
-    """Modifiers of a component set in a file, `bare` of text and comments."""
-    missing = {name: f"{name}={value}" for name, value in texts.items()}
-    if component[3] is None:
-        yield Edit(component.end(2), component.end(2), f"({', '.join(missing.values())})".encode())
+def _components(raw: bytes, bare: bytes) -> Iterator[_Component]:
+    """Components with friction of a file, `bare` of text and comments."""
+    for kind in _TYPE.finditer(bare):
+        at, all_arrays = kind.end(), kind[2] is not None
+        if all_arrays:
+            at = _ends(bare, at, len(bare), b"") + 1
+        while name := _NAME.match(bare, at):
+            at, array = name.end(), all_arrays
+            if bare[at : at + 1] == b"[":
+                at, array = _ends(bare, at + 1, len(bare), b"") + 1, True
+            behind = at if array and not all_arrays else name.end(1)
+            at += len(bare[at:]) - len(bare[at:].lstrip())
+            begin = end = 0
+            if bare[at : at + 1] == b"(":
+                begin = at + 1
+                end = _ends(bare, begin, len(bare), b"")
+                at = end + 1
+            text = raw[name.start(1) : name.end(1)].decode()
+            yield _Component(kind[1].decode(), text, array, behind, begin, end)
+            at = _ends(bare, at, len(bare), b",;")
+            if bare[at : at + 1] != b",":
+                break
+            at += 1
+
+
+def _modified(bare: bytes, component: _Component, texts: dict[str, str]) -> Iterator[Edit]:
+    """Modifiers of a component set; those of an array are the same for each of its elements."""
+    each = "each " if component.array else ""
+    missing = {name: f"{each}{name}={value}" for name, value in texts.items()}
+    if not component.begin:
+        at = component.name_end
+        yield Edit(at, at, f"({', '.join(missing.values())})".encode())
         return
-    begin = component.end(3)
-    end = _ends(bare, begin, len(bare), b"")
-    for name, value in texts.items():
-        if old := re.compile(rb"\b%s\s*=\s*" % name.encode()).search(bare, begin, end):
-            stop = _ends(bare, old.end(), end)
-            if not bare[old.end() : stop].strip():
-                raise ValueError(
-                    f"component {component[2].decode()!r}: {name} has no value: is the file whole?"
-                )
-            yield Edit(old.end(), stop, value.encode())
+    at = component.begin
+    while at < component.end:
+        stop = _ends(bare, at, component.end)
+        modifier = _MODIFIER.match(bare, at, stop)
+        name = modifier[2].decode() if modifier else ""
+        if modifier and name in missing:
+            yield _set(bare, component, modifier, stop, texts[name])
             del missing[name]
+        at = stop + 1
     if missing:
-        comma = ", " if bare[begin:end].strip() else ""
-        yield Edit(end, end, f"{comma}{', '.join(missing.values())}".encode())
+        comma = ", " if bare[component.begin : component.end].strip() else ""
+        yield Edit(component.end, component.end, f"{comma}{', '.join(missing.values())}".encode())
+
+
+def _set(
+    bare: bytes, component: _Component, modifier: re.Match[bytes], stop: int, value: str
+) -> Edit:
+    """One modifier, which ends before `stop`, with another value."""
+    name, at = modifier[2].decode(), modifier.end()
+    if bare[at : at + 1] == b"(":
+        at = _ends(bare, at + 1, stop, b"") + 1
+    equals = re.compile(rb"\s*=\s*").match(bare, at, stop)
+    if equals is not None and not bare[equals.end() : stop].strip():
+        raise ValueError(f"component {component.name!r}: {name} has no value: is the file whole?")
+    begin = equals.end() if equals is not None else at
+    text = value if equals is not None else f"={value}"
+    if not component.array or b"each" in modifier[1]:
+        return Edit(begin, stop, text.encode())
+    final = "final " if b"final" in modifier[1] else ""
+    return Edit(modifier.start(1), stop, f"each {final}{name}={value}".encode())
 
 
 def _ends(text: bytes, begin: int, end: int, marks: bytes = b",") -> int:
@@ -132,7 +202,7 @@ def _ends(text: bytes, begin: int, end: int, marks: bytes = b",") -> int:
     depth = 0
     for i in range(begin, end):
         one = text[i : i + 1]
-        if depth == 0 and (one in (b")", b"]", b"}") or (marks and one == marks)):
+        if depth == 0 and (one in (b")", b"]", b"}") or (marks and one in marks)):
             return i
         depth += (one in (b"(", b"[", b"{")) - (one in (b")", b"]", b"}"))
     return end

@@ -3,27 +3,35 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.friction import CoulombMap
-from dryfric_control.simulators import files, joint_values
-from dryfric_control.simulators.joint_values import SimulatorValues
-from dryfric_control.store.files import existing_file
-from dryfric_control.text import see
+from dryfric_control.checks import one_of, whole
+from dryfric_control.simulators import files, joint_values, mujoco_bench, mujoco_formats
+from dryfric_control.simulators import mujoco_model as engine
+from dryfric_control.simulators.joint_values import Joint, SimulatorValues
+from dryfric_control.simulators.mjcf import Mjcf, kind_of
+from dryfric_control.simulators.mujoco_formats import Stepping, has_bristles
 
-_MJCF = joint_values.Format(
-    lambda c, *_: {"frictionloss": float(c[0]), "damping": float(c[1])}, armature="armature"
-)
-_KINDS = ("free", "ball", "slide", "hinge")
-_UNITS = {"hinge": ("rad", "N m"), "slide": ("m", "N")}
-#: Friction of MuJoCo is soft: a joint at rest creeps, with these a fiftieth of the default.
-_STIFF = {"solreffriction": "0.002 1", "solimpfriction": "0.99 0.999 0.001"}
+DIALECTS = ("auto", "3.2", "4.0")
+#: What other programs make of the words that a file has; versions in docs/howto/simulator.md.
+_NOTES = {
+    "frictionloss": "frictionloss: MuJoCo, MJX and MuJoCo Warp use it; Drake drops it with a "
+    "warning, Pinocchio keeps it as data that aba leaves out",
+    "armature": "armature: Drake drops it in silence where the joint has no actuator",
+    "damping_quadratic": "damping with a quadratic part: MuJoCo from 3.7 on and MuJoCo Warp use "
+    "it; MJX leaves out b1, b2 and Pinocchio reads all of it as 0, both in silence; Drake, Newton "
+    "and older MuJoCo refuse the file",
+    "lugre_stiffness": "dcmotor with bristles: MuJoCo 4 and MuJoCo Warp 4 use it, with any "
+    "integrator but RK4; MJX, Newton and older MuJoCo refuse the file, Drake and Pinocchio leave "
+    "it out in silence",
+}
+_RK4 = "bristles are not stable with the integrator RK4: they are left out"
 
 
 def to_mjcf(
@@ -33,7 +41,9 @@ def to_mjcf(
     *,
     load: float | Mapping[str, float] | None = None,
     velocities: ArrayLike | None = None,
-    stiff: bool = False,
+    dialect: str = "auto",
+    stiff: bool | None = None,
+    noslip_iterations: int | None = None,
     out: str | os.PathLike[str] | None = None,
 ) -> SimulatorValues:
     """Set friction, damping and armature of joints in MuJoCo.
@@ -52,8 +62,14 @@ def to_mjcf(
     velocities : array_like, shape (n,), optional
         Velocities over which friction is approximated.  Default: those of the records of
         the result; without a record, as far as the friction curve is drawn.
+    dialect : {"auto", "3.2", "4.0"}, optional
+        Version of MuJoCo whose words are used.  "3.2" has one level and one coefficient, "4.0" also
+        drag, a Stribeck peak and an elastic contact.  Default: "4.0" where such is installed.
     stiff : bool, optional
         Whether a joint at rest shall creep fifty times less, by `solreffriction` and the like.
+        Default: with the words of 4.0.
+    noslip_iterations : int, optional
+        Iterations of MuJoCo's solver that ends what is left of the creep, an option of the model.
     out : path-like, optional
         File to write.  Default: `model` itself.
 
@@ -66,8 +82,17 @@ def to_mjcf(
 
         min sum (F(x, v) - c sign(v) - d v)^2,    c, d >= 0
 
-    with what depends on position, direction, load and time averaged in the same way.  Whatever they
-    cannot say is in `lost`, with the RMS force or position it makes there.
+    with what depends on position, direction, load and time averaged in the same way.  With the
+    words of 4.0, a quadratic part b v|v| of the damping and a peak P sign(v) exp(-(v/vs)^2) are
+    added where they make the error of the friction smaller by a tenth.  The peak, or all
+    friction of an elastic contact, is that of LuGre bristles, in a passive actuator `dcmotor`.
+    Their stiffness is bounded by the time step and the inertia, as MuJoCo integrates them
+    explicitly: a peak has m/h^2, which is stable at any step (the bristles give no more than
+    the peak, and the constraint damps them), and a contact that is stiffer is a hard one.
+
+    Whatever the words cannot say is in `lost`, with the RMS force or position it makes there.
+    Where MuJoCo is installed, the file is read back by it, what arrived otherwise is in
+    `messages` and takes its place in `values`, and the second number of `free_runs` is MuJoCo's.
 
     Examples
     --------
@@ -79,125 +104,219 @@ def to_mjcf(
     ...     arm = pathlib.Path(folder, "arm.xml")
     ...     _ = arm.write_text('<mujoco><worldbody><body><joint name="elbow"/></body>'
     ...                        '</worldbody></mujoco>')
-    ...     found = dfc.to_mjcf(axis, arm, load=0.1)
+    ...     found = dfc.to_mjcf(axis, arm, load=0.1, dialect="3.2")
     ...     print(arm.read_text()[25:-28])
     <joint name="elbow" frictionloss="1.5" damping="0.2" armature="0.2"/>
     >>> [(one.what, round(one.error, 3)) for one in found.lost]
     [('Coulomb level 1.6 forwards, 1.4 N m backwards', 0.1)]
     """
-    if not isinstance(stiff, bool):
+    if stiff is not None and not isinstance(stiff, bool):
         raise ValueError(f"stiff must be True or False, got {stiff!r}")
+    if noslip_iterations is not None:
+        noslip_iterations = whole("noslip_iterations", noslip_iterations, 0)
+    rich = _rich(dialect)
+    options = _Options(rich, rich if stiff is None else stiff, noslip_iterations)
     if isinstance(model, (str, os.PathLike)):
-        return _in_file(result, model, joint, load, velocities, stiff, out)
+        return _in_file(result, model, joint, load, velocities, options, out)
     if out is not None:
         raise ValueError(f"out = {out!r} is for a file: a model in MuJoCo is changed itself")
-    return _in_model(result, model, joint, load, velocities, stiff)
+    return _in_model(result, model, joint, load, velocities, options)
+
+
+class _Options(NamedTuple):
+    """Words and options that are asked for."""
+
+    rich: bool  # whether the words are those of 4.0
+    stiff: bool
+    noslip_iterations: int | None
+
+    @property
+    def soft(self) -> dict[str, str]:
+        """Solver parameters of a joint."""
+        return mujoco_formats.STIFF if self.stiff else {}
+
+    def formats(self, stepping: Stepping, bristles: bool = True) -> joint_values.Formats:
+        """Formats of a joint."""
+        return mujoco_formats.formats(stepping, bristles) if self.rich else mujoco_formats.PLAIN
+
+
+def _rich(dialect: Any) -> bool:
+    """Whether words of 4.0 are to be used."""
+    one_of("dialect", dialect, DIALECTS)
+    if dialect == "auto":
+        return (engine.installed() or (0, 0)) >= engine.RICH
+    return bool(dialect == "4.0")
 
 
 def _in_file(
-    result: Any, model: Any, joint: Any, load: Any, velocities: Any, stiff: bool, out: Any
+    result: Any, model: Any, joint: Any, load: Any, velocities: Any, options: _Options, out: Any
 ) -> SimulatorValues:
     path, raw, place = files.read_model(model, out)
-    there = _named(path, files.elements(path, raw, "MJCF", "mujoco"))
-    joints = _joints(result, joint, {n: one.attributes.get("type") for n, one in there.items()})
+    file = Mjcf(path, raw)
+    joints = _joints(result, joint, {name: kind_of(file, name) for name in file.joints})
+    try:
+        there = engine.compiled(path) if engine.installed() else None
+        refused = ""
+    except ValueError as problem:
+        there, refused = None, str(problem)
     mend = "give load=..., or install mujoco, which computes it"
-    loads = joint_values.checked_loads(load, joints, lambda: _computed(path, joints), mend)
-    found = joint_values.described(_MJCF, joints, velocities, loads)
-    edits = []
+    if refused:
+        mend = f"give load=..., as {refused}"
+    names = {name: [name] for name in joints}
+    if there is not None:
+        names = {n: engine.copies(there, n, file.separators(n)) or [n] for n in joints}
+    loads = joint_values.checked_loads(load, joints, lambda: _computed(there, names), mend)
+    stepping = file.stepping if there is None else engine.stepping(there)
+    # A copy has no name of its own in the file, to which an actuator could be tied.
+    alone = all(not file.separators(name) for name in joints)
+    formats = options.formats(stepping, alone)
+    found = joint_values.described(formats, joints, velocities, loads)
+    found = _stable(found, joints, velocities, loads, options, stepping)
+    edits, said = [], list(_overridden(file, joints, there, names))
     for name, values in found.values.items():
-        texts = {n: files.number(v) for n, v in values.items()} | (_STIFF if stiff else {})
-        edits.append(files.attributes_set(raw, there[name].at, texts))
-    return files.written(found, place, files.applied(raw, edits))
+        stiffness = None
+        if there is not None and file.sprung(name):
+            stiffness = float(np.ravel(there.jnt_stiffness[there.joint(names[name][0]).id])[0])
+        edits.append(file.joint_edit(name, values, options.stiff, stiffness))
+    edits += file.actuator_edits(found.values)
+    if options.noslip_iterations is not None:
+        edits.append(file.option_edit({"noslip_iterations": str(options.noslip_iterations)}))
+    content = files.applied(raw, edits)
+    if there is not None:
+        said += _read_back(path, content, found, names)
+    elif refused:
+        said.append(f"not read back: {refused}")
+    found = replace(found, messages=(*found.messages, *said))
+    found = _with_bench(found, joints, loads, options, stepping)
+    return files.written(found, place, content)
 
 
-def _named(path: Path, tags: list[files.Element]) -> dict[str, files.Element]:
-    """Joints of the bodies by name."""
-    there = {
-        one.attributes["name"]: one
-        for one in tags
-        if one.name == "joint" and "name" in one.attributes and "worldbody" in one.path
-    }
-    if there:
-        return there
-    others = [one.attributes.get("file", "") for one in tags if one.name == "include"]
-    mend = f"give the included file with them ({', '.join(others)})" if others else "name them"
-    raise ValueError(
-        f"model {path.name} has no joint with a name in a body: {mend}" + see("howto/simulator")
-    )
-
-
-def _joints(result: Any, joint: Any, kinds: Mapping[str, Any]) -> dict[str, joint_values.Joint]:
-    """Joints of a result, of one axis each; a class of the file may set their kind (None)."""
-    any_kind = tuple(_UNITS.values())
-    units = {n: (_UNITS[kind],) if kind in _UNITS else any_kind for n, kind in kinds.items()}
+def _joints(result: Any, joint: Any, kinds: Mapping[str, Any]) -> dict[str, Joint]:
+    """Joints of a result, of one axis each; None where a file that is included says their kind."""
+    any_kind = tuple(engine.UNITS.values())
+    units = {n: (engine.UNITS[k],) if k in engine.UNITS else any_kind for n, k in kinds.items()}
     joints = joint_values.joints_of(result, joint, units)
     for name in joints:
-        if kinds[name] not in (None, *_UNITS):
+        if kinds[name] not in (None, *engine.UNITS):
             raise ValueError(f"joint {name!r} is a {kinds[name]} joint: friction is of one axis")
     return joints
 
 
-def _computed(path: Path, joints: Mapping[str, joint_values.Joint]) -> dict[str, float]:
+def _computed(there: Any, names: Mapping[str, list[str]]) -> dict[str, float]:
     """Inertia of the bodies about joints, by MuJoCo."""
-    try:
-        return inertias(_compiled(path), joints)
-    except ImportError:
+    if there is None:
         return {}
-    except ValueError as problem:
-        raise ValueError(f"{problem}; it computes inertia of the bodies: give load=...") from None
+    return engine.inertias(there, {name: copies[0] for name, copies in names.items()})
 
 
-def _compiled(path: Path) -> Any:
-    """The model of a file."""
-    import mujoco
-
-    try:
-        return mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as problem:
-        raise ValueError(f"model {path} is refused by MuJoCo: {problem}") from None
-
-
-def inertias(model: Any, joints: Iterable[str]) -> dict[str, float]:
-    """Inertia of the bodies of a compiled model about joints in its reference pose."""
-    import mujoco
-
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    found = {}
+def _overridden(
+    file: Mjcf, joints: Mapping[str, Joint], there: Any, names: Mapping[str, list[str]]
+) -> Iterator[str]:
+    """What of the file overrides values, and what becomes of it."""
     for name in joints:
-        at = int(model.joint(name).dofadr[0])
-        unit, answer = np.zeros(model.nv), np.zeros(model.nv)
-        unit[at] = 1.0
-        mujoco.mj_mulM(model, data, answer, unit)
-        found[name] = float(answer[at] - model.dof_armature[at])
-    return found
+        if file.sprung(name):
+            spring = "its stiffness stays" if there is not None else "its spring goes with it"
+            yield f"{name}: springdamper, which overrides damping, is taken off; {spring}"
+        if len(names[name]) > 1:
+            yield f"{name}: one of {len(names[name])} copies, which all have these values"
 
 
-def axes_of(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
-    """Nominal axes of the joints of an MJCF file, by MuJoCo: inertia, damping, frictionloss."""
+def _read_back(
+    path: Path, content: bytes, found: SimulatorValues, names: Mapping[str, list[str]]
+) -> list[str]:
+    """What has arrived otherwise in MuJoCo, which takes its place in the values."""
+    trial = path.with_name(f"{path.stem}.{os.getpid()}.part.xml")
+    rich = any(
+        has_bristles(v) or v.get("damping_quadratic", 0.0) > 0.0 for v in found.values.values()
+    )
     try:
-        model = _compiled(existing_file(path))
-    except ImportError:
-        raise ValueError(
-            f"the nominal axes of {path} are computed by MuJoCo, which is not installed: pip "
-            "install mujoco, or give a file of axes"
-        ) from None
-    kinds = {one.name: _KINDS[int(one.type[0])] for one in map(model.joint, range(model.njnt))}
-    units = {name: _UNITS[kind] for name, kind in kinds.items() if name and kind in _UNITS}
-    if not units:
-        raise ValueError(f"model {path} has no hinge or slide joint with a name: name them")
-    found = {}
-    for name, inertia in inertias(model, units).items():
-        at = int(model.joint(name).dofadr[0])
-        damping = float(np.ravel(model.dof_damping[at])[0])
-        level = CoulombMap.of(float(model.dof_frictionloss[at]))
-        mass = inertia + float(model.dof_armature[at])
-        found[name] = FrictionAxis(mass, damping, level, name=name, units=units[name])
-    return found
+        trial.write_bytes(content)
+        model = engine.compiled(trial)
+    except OSError as problem:
+        return [f"not read back: {problem.strerror} beside {path.name}"]
+    except ValueError as problem:
+        if rich and (engine.installed() or (0, 0)) < engine.RICH:
+            return ["not read back: the MuJoCo that is installed does not know the words of 4.0"]
+        words = " ".join(str(problem).replace(str(trial), path.name).split())
+        raise ValueError(f"{words}; with the new values, so that nothing was written") from None
+    finally:
+        trial.unlink(missing_ok=True)
+    said = []
+    for name, values in found.values.items():
+        for copy in names[name]:
+            said += [f"{copy}: {one}" for one in engine.differences(model, copy, values)]
+        there = engine.arrived(model, names[name][0])
+        values.update({n: there[n] for n in values if n in there and _other(values[n], there[n])})
+    return said
+
+
+def _other(wanted: float, found: float) -> bool:
+    """Whether a number is another than that which was written with six digits."""
+    return files.number(wanted) != files.number(found)
+
+
+def _stable(
+    found: SimulatorValues, joints: Mapping[str, Joint], velocities: Any,
+    loads: Mapping[str, float], options: _Options, stepping: Stepping,
+) -> SimulatorValues:  # fmt: skip
+    """Values with bristles only where each joint comes to rest in MuJoCo, if that can be tried."""
+    if not options.rich:
+        return found
+    if not stepping.bristles:
+        usual = options.formats(Stepping(stepping.timestep))
+        bare = joint_values.described(usual, joints, velocities, loads).values
+        said = (_RK4,) if any(map(has_bristles, bare.values())) else ()
+        return replace(found, messages=(*found.messages, *said))
+    restless = [
+        name
+        for name, values in found.values.items()
+        if has_bristles(values) and not _rests(values, joints[name], loads[name], options, stepping)
+    ]
+    if not restless:
+        return found
+    found = joint_values.described(
+        options.formats(stepping, bristles=False), joints, velocities, loads
+    )
+    said = (f"{', '.join(restless)}: bristles are not stable here: they are left out",)
+    return replace(found, messages=(*found.messages, *said))
+
+
+def _rests(
+    values: Mapping[str, Any], joint: Joint, load: float, options: _Options, stepping: Stepping
+) -> bool:
+    """Whether a joint comes to rest in MuJoCo; as computed where none is installed."""
+    if (engine.installed() or (0, 0)) < engine.RICH:
+        return True
+    turning = joint.axis.units == engine.UNITS["hinge"]
+    model = mujoco_bench.one_joint(values, load, turning, options.stiff, stepping)
+    return mujoco_bench.is_stable(model, values, load + values["armature"])
+
+
+def _with_bench(
+    found: SimulatorValues, joints: Mapping[str, Joint], loads: Mapping[str, float],
+    options: _Options, stepping: Stepping,
+) -> SimulatorValues:  # fmt: skip
+    """Free runs measured in MuJoCo, and what other programs make of the values."""
+    words = [name for values in found.values.values() for name in values if values[name]]
+    notes = tuple(note for name, note in _NOTES.items() if name in words)
+    version = engine.installed()
+    if version is None or (version < engine.RICH and "lugre_stiffness" in words):
+        return replace(found, notes=notes)
+    runs = dict(found.free_runs)
+    for name in runs:
+        joint, values = joints[name], found.values[name]
+        turning = joint.axis.units == engine.UNITS["hinge"]
+        errors = []
+        for record in joint.records:
+            model = mujoco_bench.one_joint(values, loads[name], turning, options.stiff, stepping)
+            errors.append(mujoco_bench.free_run_errors(model, record, joint.shift))
+        rms = float(np.sqrt(np.mean(np.square(np.concatenate(errors)))))
+        runs[name] = runs[name][0], rms
+    return replace(found, notes=notes, free_runs=runs)
 
 
 def _in_model(
-    result: Any, model: Any, joint: Any, load: Any, velocities: Any, stiff: bool
+    result: Any, model: Any, joint: Any, load: Any, velocities: Any, options: _Options
 ) -> SimulatorValues:
     compiled = hasattr(model, "dof_frictionloss")
     if not compiled and not (hasattr(model, "joints") and hasattr(model, "compile")):
@@ -206,27 +325,32 @@ def _in_model(
             f"{model!r}"
         )
     made = model if compiled else model.copy().compile()
-    kinds = {one.name: _KINDS[int(one.type[0])] for one in map(made.joint, range(made.njnt))}
-    joints = _joints(result, joint, {name: kind for name, kind in kinds.items() if name})
-    loads = joint_values.checked_loads(load, joints, lambda: inertias(made, joints))
-    found = joint_values.described(_MJCF, joints, velocities, loads)
-    soft = {n: [float(v) for v in text.split()] for n, text in _STIFF.items()}
+    kinds = {name: kind for name, kind in engine.joint_kinds(made).items() if name}
+    joints = _joints(result, joint, kinds)
+    loads = joint_values.checked_loads(load, joints, lambda: engine.inertias(made, list(joints)))
+    stepping = engine.stepping(made)
+    # No actuator can be added to a compiled model.
+    formats = options.formats(stepping, not compiled)
+    found = joint_values.described(formats, joints, velocities, loads)
+    if not compiled:
+        found = _stable(found, joints, velocities, loads, options, stepping)
+    said = []
     for name, values in found.values.items():
         if compiled:
-            at = model.joint(name).dofadr[0]
-            for quantity, value in values.items():
-                getattr(model, f"dof_{quantity}")[at] = value
-            if stiff:
-                model.dof_solref[at] = soft["solreffriction"]
-                model.dof_solimp[at][:3] = soft["solimpfriction"]
+            engine.put(model, name, values, options.soft)
             continue
         one = model.joint(name)
-        for quantity, value in values.items():
-            # Damping has been a polynomial since MuJoCo 3.5.
-            if np.ndim(getattr(one, quantity)):
-                value = [value, *np.zeros(np.size(getattr(one, quantity)) - 1)]
-            setattr(one, quantity, value)
-        if stiff:
-            one.solref_friction[:2] = soft["solreffriction"]
-            one.solimp_friction[:3] = soft["solimpfriction"]
-    return found
+        if np.all(np.asarray(one.springdamper) > 0.0):
+            said.append(f"{name}: springdamper, which overrides damping, is taken off; its "
+                        "stiffness stays")  # fmt: skip
+            stiffness = float(np.ravel(made.jnt_stiffness[made.joint(name).id])[0])
+            one.stiffness = [stiffness, 0.0, 0.0] if np.ndim(one.stiffness) else stiffness
+            one.springdamper = [0.0, 0.0]
+        engine.put_in_spec(model, name, values, options.soft)
+    if options.noslip_iterations is not None:
+        (model.opt if compiled else model.option).noslip_iterations = options.noslip_iterations
+    after = model if compiled else model.copy().compile()
+    for name, values in found.values.items():
+        said += [f"{name}: {one}" for one in engine.differences(after, name, values)]
+    found = replace(found, messages=(*found.messages, *said))
+    return _with_bench(found, joints, loads, options, stepping)

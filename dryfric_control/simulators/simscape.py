@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
+from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.simulators import joint_values
 from dryfric_control.simulators.files import number, written
 from dryfric_control.simulators.joint_values import SimulatorValues
@@ -17,6 +19,8 @@ from dryfric_control.store.files import file_path
 
 # Breakaway velocities that are tried.
 _TRIED = 60
+# Characters that end or hide a line of MATLAB, or that an editor may change.
+_NO_TEXT = re.compile("([\x00-\x1f\x7f-\x9f\u2028\u2029])")
 _NAMES = {
     ("rad", "N m"): (("brkwy_trq", "N*m"), ("Col_trq", "N*m"), ("visc_coef", "N*m*s/rad"),
                      ("brkwy_vel", "rad/s")),
@@ -25,7 +29,7 @@ _NAMES = {
 }  # fmt: skip
 
 
-def _speeds(speed: Floats) -> Floats:
+def _speeds(speed: Floats, axis: FrictionAxis) -> Floats:
     top = float(np.max(speed))
     return np.geomspace(1e-3 * top, top, _TRIED)
 
@@ -38,7 +42,7 @@ def _curve(v: Floats, breakaway_velocity: float) -> Floats:
 
 
 _SIMSCAPE = joint_values.Format(
-    lambda c, shape, breakaway: {
+    lambda c, shape, breakaway, axis: {
         "breakaway": float(c[0] + c[1]),
         "coulomb": float(c[1]),
         "viscous": float(c[2]),
@@ -93,8 +97,16 @@ def to_simscape(
     found = joint_values.described(_SIMSCAPE, joints, velocities)
     lines = []
     for name, values in found.values.items():
-        block, names = name.replace("'", "''"), _NAMES[joints[name].axis.units]
+        block, names = _literal(name), _NAMES[joints[name].axis.units]
         for (parameter, unit), value in zip(names, map(number, values.values()), strict=True):
-            words = f"'{block}', '{parameter}', '{value}', '{parameter}_unit', '{unit}'"
+            words = f"{block}, '{parameter}', '{value}', '{parameter}_unit', '{unit}'"
             lines.append(f"set_param({words});\n")
     return written(found, place, "".join(lines).encode())
+
+
+def _literal(name: str) -> str:
+    """A name as text of MATLAB, where a line break and the like must be numbers."""
+    pieces = _NO_TEXT.split(name)
+    texts = [f"'{one.replace(chr(39), 2 * chr(39))}'" if i % 2 == 0 else f"char({ord(one)})"
+             for i, one in enumerate(pieces) if one]  # fmt: skip
+    return texts[0] if len(texts) == 1 else f"[{' '.join(texts)}]"

@@ -33,6 +33,7 @@ def run_batch(
     settings: Mapping[str, Any] | None = None,
     jobs: int | None = None,
     progress: bool = True,
+    failures: str = "raise",
 ) -> dict[Any, Any]:
     """Run a function over cases and store finished results.
 
@@ -51,15 +52,27 @@ def run_batch(
     jobs : int, optional
         Cases at the same time, -1 for one a core.  Default: by `joblib.parallel_config`, else one.
     progress : bool, optional
+    failures : {"raise", "return"}, optional
+        What becomes of an error that `function` raises: raised once all other cases are finished,
+        or returned, as the exception in place of the result.
 
     Returns
     -------
     dict
         Result of each case by its key, in the order of `cases`, as JSON gives it back.
 
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, or the store is of other settings.
+    Exception
+        The first that `function` raised, with a note that names the case, when all others are
+        finished; with ``failures="return"`` only if no case has a result.
+
     Notes
     -----
-    Two runs must not write one store at the same time.  NaN stands in it as NaN.
+    Two runs must not write one store at the same time.  NaN stands in it as NaN.  A case that
+    failed is not stored: the next run tries it again.
 
     Examples
     --------
@@ -80,6 +93,8 @@ def run_batch(
         )
     if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs == 0):
         raise ValueError(f"jobs must be a whole number other than 0, or None, got {jobs!r}")
+    if failures not in ("raise", "return"):
+        raise ValueError(f'failures must be "raise" or "return", got {failures!r}')
     keys = {_text("cases", key): key for key in cases}
     if settings is not None and not isinstance(settings, Mapping):
         raise ValueError(f"settings must be a mapping of names to values, got {settings!r}")
@@ -97,9 +112,21 @@ def run_batch(
         )  # fmt: skip
         with _opened(store, heading) as file:
             for text, result in bar:
+                if isinstance(result, Exception):
+                    done[text] = result
+                    continue
                 file.write(f'{{"case": {text}, "result": {result}}}\n')
                 done[text] = json.loads(result)
-    return {key: done[text] for text, key in keys.items()}
+    found = {key: done[text] for text, key in keys.items()}
+    raise_failures(found, all_only=failures == "return")
+    return found
+
+
+def raise_failures(results: Mapping[Any, Any], all_only: bool) -> None:
+    """Raise the first exception among results; with `all_only` where there is nothing else."""
+    failed = [one for one in results.values() if isinstance(one, Exception)]
+    if failed and not (all_only and len(failed) < len(results)):
+        raise failed[0]
 
 
 def fingerprint(*values: Any, without: tuple[type, ...] = ()) -> str:
@@ -141,14 +168,14 @@ def _text(name: str, value: Any) -> str:
         ) from None
 
 
-def _run(function: Callable[[Any], Any], text: str, value: Any) -> tuple[str, str]:
-    """One case, where joblib runs it."""
+def _run(function: Callable[[Any], Any], text: str, value: Any) -> tuple[str, str | Exception]:
+    """One case, where joblib runs it: its result as JSON, or what it raised."""
     _end_with_the_run()
     try:
         result = function(value)
     except Exception as problem:
         problem.add_note(f"in case {text}")
-        raise
+        return text, problem
     try:
         return text, json.dumps(result)
     except (TypeError, ValueError, RecursionError) as problem:

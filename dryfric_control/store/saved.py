@@ -30,7 +30,19 @@ _SENSELESS = (
 
 
 class Saved:
-    """Something that a file keeps: as it was, or not at all."""
+    """Something that a file keeps: as it was, or not at all.
+
+    Notes
+    -----
+    Rules for a new kind of file:
+
+    1. Its class is a dataclass that inherits this one and names its `_kind`, which the file states.
+    2. `_holds` names the dataclasses that may stand in the file beside it; no other is read.
+    3. What follows from the rest is not kept: `_kept` leaves it out, `_opened` computes it anew.
+    4. `_opened` refuses what the function that makes the object would refuse.
+    5. Where fields change, `VERSION` is raised and `MIGRATIONS` gets what makes the data of the
+       version before into those of the next.
+    """
 
     _kind: ClassVar[str]  # what the file says that it is
     _holds: ClassVar[tuple[type, ...]] = ()  # classes of what stands in it beside

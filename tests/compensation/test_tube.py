@@ -68,6 +68,11 @@ def level_and_peak(axis):
     return level, axis.stribeck.excess if axis.stribeck else 0.0
 
 
+def caught(axis, mu):
+    """Force that takes the stick velocity off a stuck axis."""
+    return (1.0 + mu) * axis.mass * axis.stick_rate * axis.stick_speed
+
+
 def explicit_tube(comp):
     """Tube for slow references by stepping the error of every corner, from the gains alone."""
     axis, mu, dt = comp.axis, comp.mismatch, comp.dt
@@ -88,7 +93,7 @@ def explicit_tube(comp):
     gain = power @ np.linalg.solve(seen, [0.0, 0.0, 1.0])
 
     level, sigma = level_and_peak(axis)
-    left = (mu + comp.correction) * level + (1.0 + mu) ** 2 * sigma * level
+    left = (mu + comp.correction) * level + max((1.0 + mu) ** 2 * sigma * level, caught(axis, mu))
     own = d - comp.input_delay / dt
     # All corners side by side, each with a force of one sample and with a reading that is off.
     delays = own + np.array([0.0, 0.5, 1.0]) * (d - own)
@@ -149,8 +154,9 @@ def test_the_tube_by_stepping_the_error_from_the_gains(seed):
     assert found.worst.l1 == pytest.approx(max(one[1] for one in tubes) / left, rel=1e-3)
     worst = max(one[0] + one[2] for one in tubes)
     level, peak = level_and_peak(axis)
-    most = level * ((1.0 + comp.mismatch) * (1.0 + (1.0 + comp.mismatch) * peak)
-                    + 1.0 + peak + comp.correction)  # fmt: skip
+    mu = comp.mismatch
+    most = level * (2.0 + mu + peak + comp.correction)
+    most += max((1.0 + mu) ** 2 * peak * level, caught(axis, mu))
     assert found.friction_most == pytest.approx(most)
     turning = found.parts["reversals"]
     assert found.tube - turning == pytest.approx(worst, rel=2e-2)

@@ -83,11 +83,34 @@ def test_the_table_has_parameters_with_errors(cases):
         found.parameters("knee")
 
 
-def test_a_joint_that_cannot_be_diagnosed_is_named(cases):
-    short = {"elbow": (AXIS, cases["elbow"][1].window(0.0, 0.2))}
-    with pytest.raises(ValueError) as refused:
-        dfc.diagnose_joints(cases | short, window=0.3, progress=False)
-    assert "in joints['elbow']" in refused.value.__notes__
+def still():
+    """A joint that moves by one increment, once: nothing of it can be determined."""
+    x = np.zeros(T.size)
+    x[100] = 1e-5
+    return dfc.Record(T, np.zeros(T.size), x, units={"x": "rad", "u": "N m"})
+
+
+def test_a_joint_that_cannot_be_diagnosed_ends_no_other(cases):
+    bad = {"gripper": (AXIS, still()), "knee": (AXIS, cases["elbow"][1].window(0.0, 0.2))}
+    found = dfc.diagnose_joints({**bad, "elbow": cases["elbow"]}, window=0.3, progress=False)
+    assert list(found) == ["elbow"] and [c.effect for c in found["elbow"].causes] == ["coulomb"]
+    assert "hardly moves" in found.failed["gripper"] and "window" in found.failed["knee"]
+    assert re.search("gripper +not diagnosed", found.summary())
+    assert found.to_dict()["gripper"]["reason"] == found.failed["gripper"]
+    with pytest.raises(KeyError, match="gripper.*hardly moves"):
+        found["gripper"]
+
+
+def test_joints_none_of_which_can_be_diagnosed_are_refused():
+    with pytest.raises(ValueError, match="hardly moves"):
+        dfc.diagnose_joints({"gripper": (AXIS, still())}, progress=False)
+
+
+def test_one_bad_record_ends_no_other_of_a_batch(cases):
+    records = {"still": still(), "elbow": cases["elbow"][1]}
+    found = dfc.diagnose_batch(AXIS, records, progress=False)
+    assert found["still"]["verdict"] == "not diagnosed" and "hardly" in found["still"]["reason"]
+    assert found["elbow"]["verdict"] == "explained"
 
 
 def test_one_command_from_a_log_to_the_model(tmp_path, capsys, monkeypatch):
@@ -114,6 +137,14 @@ def test_one_command_from_a_log_to_the_model(tmp_path, capsys, monkeypatch):
     assert {name: float(level) for name, level in levels} == pytest.approx(true, rel=1e-2)
     assert all((out / name / "report.html").is_file() for name in MACHINES)
     assert set(json.loads((out / "joints.json").read_text())) == {*MACHINES}
+    # A joint that was not used is named, and leaves those that were.
+    table["elbow.position"] = np.zeros(T.size)
+    rows = np.column_stack([*table.values()])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=",".join(table), comments="")
+    assert main([*command, "--load", "0", "--known", "mass", "--quiet"]) == 1
+    told = capsys.readouterr()
+    assert re.search("elbow +not diagnosed", told.out) and "not diagnosed: elbow" in told.err
+    assert json.loads((out / "joints.json").read_text())["elbow"]["verdict"] == "not diagnosed"
     assert main([*command, "--joints", "elbw"]) == 2
     assert "--joints elbw is not there. Did you mean 'elbow'?" in capsys.readouterr().err
     assert main(["joints", "run.csv", "--model", "arm.urdf"]) == 2

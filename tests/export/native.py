@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 import dryfric_control as dfc
-from dryfric_control.compiled import compensation, hybrid_filter, observer
+from dryfric_control.compiled import compensation
 from dryfric_control.export import export_c
 from dryfric_control.export.objects import ROOM, Exported, exported
-from dryfric_control.observer.runtime import first_memory, tables
 
 E = dfc.effects
 GCC = shutil.which("gcc")
@@ -148,12 +147,9 @@ def by_kernel(obj, *inputs, place=0.0) -> np.ndarray:
         for k, row in enumerate(zip(*inputs, strict=True)):
             out[k, 0] = compensation.step(obj.controller.law, memory, *row)
             out[k, 1] = memory[compensation.FORCE]
-    elif isinstance(obj, dfc.ObserverDesign):
-        memory, out = first_memory(obj, place), np.empty((n, observer.OUTPUTS))
-        observer.run(*tables(obj), memory, *inputs, out)
     else:
-        out = np.empty((n, hybrid_filter.OUTPUTS))
-        hybrid_filter.run(*obj.tables, np.zeros(obj.memory_size), *inputs, out)
+        out = np.empty((n, obj.noutputs))
+        obj.sample_kernel.run(*obj.tables(), obj.memory(place), *inputs, out)
     return out.T
 
 

@@ -57,8 +57,13 @@ def observed(axis, form="current"):
 @needs_gcc
 @pytest.mark.parametrize(
     "made",
-    [observed(LATE), observed(LATE, "prediction"), dfc.hybrid_filter(LATE, 1e-3, 1e-6)],
-    ids=["current", "prediction", "filter"],
+    [
+        observed(LATE),
+        observed(LATE, "prediction"),
+        dfc.hybrid_filter(LATE, 1e-3, 1e-6),
+        dfc.extended_state_observer(LATE, 1e-3, 1e-6, feedforward=True),
+    ],
+    ids=["current", "prediction", "filter", "extended state"],
 )
 def test_observers_are_the_same(tmp_path, made):
     same(native.Native(made, tmp_path), (U, Y), native.by_kernel(made, U, Y))

@@ -343,15 +343,15 @@ def test_any_signals_leave_it_finite(seed, drive, reading, quantum, dt, walk):
 
 def test_bad_samples_leave_the_stepper_as_it_was():
     stepper = dfc.hybrid_filter(stage()).stepper()
-    twin = stepper.filter.stepper()
+    twin = stepper.observer.stepper()
     assert stepper.step(1.0, 0.0) == twin.step(1.0, 0.0)
     with pytest.raises(ValueError, match="y must be a finite number"):
         stepper.step(1.0, math.nan)
     assert stepper.step(9.0, 1e-6) == twin.step(9.0, 1e-6)
     with pytest.raises(ValueError, match="u has 3 samples and y 2"):
-        stepper.filter.run([1.0, 2.0, 3.0], [0.0, 0.0])
+        stepper.observer.run([1.0, 2.0, 3.0], [0.0, 0.0])
     with pytest.raises(ValueError, match="y is missing"):
-        stepper.filter.run([1.0, 2.0])
+        stepper.observer.run([1.0, 2.0])
     with pytest.warns(ObserverWarning, match="leaves out presliding"):
         dfc.hybrid_filter(stage(effects=(Presliding(distance=1e-5),)))
 

@@ -25,7 +25,6 @@ CASES = {
     "paper": {"method": "paper", **SPEC},
     "slack": {"method": "slack", **SPEC},
     "path": {"method": "path", "window": 3, **SPEC},
-    "dwell": {"method": "dwell", "window": 6, **SPEC},
     "refined": {"method": "path", "window": 2, "refine": 2, **SPEC},
     "all channels": {"encoder_quantum": 1e-6, "discretization": "euler", "form": "prediction"},
     "zero-order hold": {"form": "prediction"},
@@ -54,7 +53,7 @@ def designed(case):
         mass=mass, viscous=mass * 10.0 ** rng.uniform(-1.0, 1.0), coulomb=level,
         stick_rate=rng.uniform(0.05, 0.9) / dt, stick_speed=1e-4,
     )  # fmt: skip
-    method, window = (("slack", None), ("paper", None), ("dwell", 3), ("path", 2))[case % 4]
+    method, window = (("slack", None), ("paper", None), ("path", 3), ("path", 2))[case % 4]
     return design_pi_observer(
         axis, dt, method=method, window=window, uncertainty=uneven,
         form=("current", "prediction")[case // 2 % 2],
@@ -266,10 +265,14 @@ def test_limit_is_shown_by_an_invisible_disturbance(design):
 
 
 @pytest.mark.slow
-def test_without_a_decay_rate_memory_meets_the_limit():
-    """So the limit is tight, and what is left with a rate is the price of it."""
-    design = design_pi_observer(AXIS, DT, method="dwell", window=16, **SPEC | {"decay": 1.0})
-    assert design.certificate.cost < 0.01
+def test_without_a_decay_rate_memory_approaches_the_limit():
+    """What separates a design from the limit is memory, and the price of a decay rate."""
+    free = SPEC | {"decay": 1.0}
+    windows = (1, 3, 5)
+    designs = [design_pi_observer(AXIS, DT, method="path", window=w, **free) for w in windows]
+    costs = [design.certificate.cost for design in designs]
+    assert np.all(np.diff(costs) < -0.05)
+    assert costs[2] < 0.1
 
 
 def test_best_gain_against_an_exhaustive_scalar_case():

@@ -58,7 +58,7 @@ def test_reference_filter_is_a_butterworth_and_rests_where_the_axis_does():
 
 @pytest.mark.parametrize(
     "method",
-    ["slack", *(pytest.param(m, marks=pytest.mark.slow) for m in ("paper", "path", "dwell"))],
+    ["slack", *(pytest.param(m, marks=pytest.mark.slow) for m in ("paper", "path"))],
 )
 def test_the_observer_keeps_its_promises(method):
     run = presets.clutch_experiment(presets.clutch_observer(method=method))

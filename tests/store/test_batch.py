@@ -88,11 +88,22 @@ def test_every_place_where_a_write_may_be_cut(tmp_path):
 def test_a_case_that_fails_is_named_and_leaves_the_finished(tmp_path):
     store = tmp_path / "roots.jsonl"
     with pytest.raises(ValueError, match="math domain error|nonnegative") as caught:
-        dfc.run_batch(math.sqrt, {"good": 4.0, "bad": -1.0}, store=store, progress=False)
+        dfc.run_batch(math.sqrt, {"bad": -1.0, "good": 4.0}, store=store, progress=False)
     assert caught.value.__notes__ == ['in case "bad"']
     function = Counted()
     dfc.run_batch(function, {"good": 4.0}, store=store, progress=False)
     assert function.seen == []
+
+
+def test_errors_are_returned_where_another_case_has_a_result():
+    cases = {"bad": -1.0, "good": 4.0}
+    found = dfc.run_batch(math.sqrt, cases, progress=False, failures="return")
+    assert list(found) == ["bad", "good"] and found["good"] == 2.0
+    assert isinstance(found["bad"], ValueError)
+    with pytest.raises(ValueError, match="math domain error|nonnegative"):
+        dfc.run_batch(math.sqrt, {"bad": -1.0}, progress=False, failures="return")
+    with pytest.raises(ValueError, match="failures must be .*, got 'keep'"):
+        dfc.run_batch(math.sqrt, cases, progress=False, failures="keep")
 
 
 HEAD = b'{"store": "dryfric-control batch 1", "settings": '

@@ -11,6 +11,7 @@ from dryfric_control.model.effects.drive import InputGain as InputGain
 from dryfric_control.model.effects.drive import Saturation as Saturation
 from dryfric_control.model.effects.effect import Effect as Effect
 from dryfric_control.model.effects.effect import Inner as Inner
+from dryfric_control.model.effects.effect import Slopes as Slopes
 from dryfric_control.model.effects.effect import parameter as parameter
 from dryfric_control.model.effects.effect import register_effect as register_effect
 from dryfric_control.model.effects.elastic import Backlash as Backlash
@@ -26,6 +27,8 @@ from dryfric_control.model.effects.forces import QuadraticDrag as QuadraticDrag
 from dryfric_control.model.effects.forces import Spring as Spring
 from dryfric_control.model.effects.forces import TimePeriodic as TimePeriodic
 from dryfric_control.model.effects.forces import ViscousAsymmetry as ViscousAsymmetry
+from dryfric_control.model.effects.interval import Box as Box
+from dryfric_control.model.effects.interval import Interval as Interval
 from dryfric_control.model.effects.levels import CoulombAsymmetry as CoulombAsymmetry
 from dryfric_control.model.effects.levels import Drift as Drift
 from dryfric_control.model.effects.levels import DwellTime as DwellTime

@@ -9,7 +9,14 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from dryfric_control.model.effects.columns import Column, View, amount, sine, sines
-from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
+from dryfric_control.model.effects.effect import (
+    BaseAxis,
+    Effect,
+    Slopes,
+    parameter,
+    register_effect,
+)
+from dryfric_control.model.effects.interval import Box, Interval
 
 # Travel in metres below which no position is taken for an angle that has lost its unit.
 _ARC = 0.5
@@ -57,9 +64,15 @@ class BiasForce(Effect):
     )
     experiment = "Crawl both ways at the same speed: the two levels differ by twice the bias."
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes()
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0]
+
+    def bounds(self, box: Box) -> Interval:
+        return Interval.of_number(self.force)
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
@@ -95,9 +108,15 @@ class ViscousAsymmetry(Effect):
     explanation = "Viscous friction is larger in one direction: a lip seal or a one-sided oil film."
     experiment = "Run at several constant velocities both ways and compare the slopes of the force."
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(velocity=abs(self.viscous))
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * abs(v)
+
+    def bounds(self, box: Box) -> Interval:
+        return -self.viscous * abs(box.v)
 
     def viscous_in(self, direction: int) -> float:
         # Its coefficient with the sign of the direction.
@@ -136,9 +155,15 @@ class QuadraticDrag(Effect):
     )
     experiment = "Run at constant velocities up to the highest: the force curve bends upwards."
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(velocity=2.0 * self.drag * speed)
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * v * abs(v)
+
+    def bounds(self, box: Box) -> Interval:
+        return -self.drag * box.v * abs(box.v)
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
@@ -175,9 +200,15 @@ class Spring(Effect):
     )
     experiment = "Crawl over the whole travel: the mean of the two directions slopes with position."
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(place=self.stiffness)
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * (x - p[1])
+
+    def bounds(self, box: Box) -> Interval:
+        return -self.stiffness * (box.x - self.rest)
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
@@ -243,6 +274,9 @@ class EndStop(Effect):
         # lie apart, they are a spring.
         return self.stiffness * (self.high - self.low) >= axis.coulomb.mean
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(place=self.stiffness, velocity=self.damping)
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         if x > p[1]:
@@ -250,6 +284,16 @@ class EndStop(Effect):
         if x < p[0]:
             return max(p[2] * (p[0] - x) - p[3] * v, 0.0)
         return 0.0
+
+    def bounds(self, box: Box) -> Interval:
+        # Each stop pushes from its place on; where a damped one is met, its force jumps.
+        above, below = (box.x - self.high).clip(low=0.0), (self.low - box.x).clip(low=0.0)
+        pushes = []
+        for into, speed in ((above, box.v), (below, -box.v)):
+            push = (self.stiffness * into + self.damping * speed).clip(low=0.0)
+            pushes.append(push.where(into.high > 0.0))
+        force = pushes[1] - pushes[0]
+        return force.with_jump("v") if self.damping > 0.0 else force
 
     @classmethod
     def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> EndStop:
@@ -318,9 +362,15 @@ class Gravity(Effect):
         """It repeats with every turn."""
         return math.inf, 2.0 * math.pi
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(place=self.amplitude)
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * math.sin(x - p[1])
+
+    def bounds(self, box: Box) -> Interval:
+        return -self.amplitude * (box.x - self.phase).sine()
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
@@ -368,9 +418,15 @@ class Cogging(Effect):
         """It repeats along the travel."""
         return math.inf, self.period
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(place=2.0 * math.pi * self.amplitude / self.period)
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * math.sin(2.0 * math.pi * x / p[1] + p[2])
+
+    def bounds(self, box: Box) -> Interval:
+        return self.amplitude * (box.x * (2.0 * math.pi / self.period) + self.phase).sine()
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
@@ -420,9 +476,15 @@ class TimePeriodic(Effect):
         """It repeats in time."""
         return 1.0 / self.frequency if self.frequency > 1e-300 else math.inf, math.inf
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(time=2.0 * math.pi * self.frequency * self.amplitude)
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * math.sin(2.0 * math.pi * p[1] * t + p[2])
+
+    def bounds(self, box: Box) -> Interval:
+        return self.amplitude * (box.t * (2.0 * math.pi * self.frequency) + self.phase).sine()
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.record_warning import warn
+from dryfric_control.records.refusal import RefusalError
 from dryfric_control.records.scaling import Gain, Scaling
 from dryfric_control.text import did_you_mean, see
 from dryfric_control.units import known_unit, si_unit
@@ -51,6 +52,14 @@ NAMES = {
 }
 _ROLES = {n: role for role, groups in NAMES.items() for names in groups for n in names}
 _FILLING, _PREFIXES, _LETTERS = map(set, _SAID["parts"].values())
+#: Letters of physics that are taken where no name is recognised, and noted.
+_SYMBOLS = {letter: role for role, letters in _SAID["symbols"].items() for letter in letters}
+#: Quantities of the units that show what a column is where no name does, the surest first.
+_BY_UNIT = {
+    "u": (("force", "torque"), ("pressure",), ("current",), ("voltage",)),
+    "x": (("length", "angle"),),
+    "t": (("time",),),
+}
 
 _BRACKETS = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
@@ -68,6 +77,8 @@ class Channels:
     raw: dict[str, tuple[str, float]] = field(default_factory=dict)
     timed: bool = True
     masked: tuple[str, ...] | None = None
+    clocks: dict[str, Any] = field(default_factory=dict)  # stamps of channels with their own
+    lacking: str = ""  # what to say of the first number that is missing
 
 
 class Wanted(NamedTuple):
@@ -76,8 +87,10 @@ class Wanted(NamedTuple):
     columns: Any = None  # by role: heading, index, or None for none
     joint: str | int | None = None  # that of which columns are wanted
     timed: bool | None = True  # whether there is a column of time, None for perhaps
-    lenient: bool = False  # words for a number that is missing make nan
+    lenient: bool = False  # numbers may be missing
     max_rows: int = MAX_ROWS
+    hold: str = "zero"  # how the input runs between its stamps, if it has its own
+    database: Any = None  # what says where the channels are in the frames of a bus
 
 
 def own_notes(meta: Any, damaged: str) -> dict[str, Any]:
@@ -110,6 +123,7 @@ def split_header(cell: str) -> tuple[str, str]:
     match = _BRACKETS.fullmatch(cell)
     if match:
         unit = (match[2] if match[2] is not None else match[3]).strip()
+        unit = unit.removeprefix("in ").strip()
         return (cell, "") if unit.isdigit() else (match[1], unit)
     for mark in ("/", " in ", "_", " "):
         words = cell.split(mark)
@@ -124,7 +138,7 @@ def split_header(cell: str) -> tuple[str, str]:
 
 def worded(name: str) -> str:
     """A heading in lower case without accents, its words joined by "_"."""
-    name = "".join(c for c in normalize("NFKD", name.strip()) if not combining(c))
+    name = "".join(c for c in normalize("NFKD", name.strip(" _")) if not combining(c))
     return re.sub(r"(?<=[a-z])(?=[A-Z])|[ -]+", "_", name).casefold()
 
 
@@ -134,8 +148,11 @@ def meaning(name: str) -> tuple[str, str, str]:
     for one in (worded(name), name.strip().casefold()):
         if one in _ROLES:
             return _ROLES[one], one, ""
-    parts = [part for part in re.split(r"[./\\:()\[\]\s]+", name) if part]
-    found = [m for k in range(len(parts), max(0, len(parts) - 3), -1) if (m := _part(parts, k))]
+    for marks in (r"[./\\:()\[\]]+", r"[./\\:()\[\]\s]+"):  # a name may have blanks in it
+        parts = [part for part in re.split(marks, name) if part.strip()]
+        last = range(len(parts), max(0, len(parts) - 3), -1)
+        if found := [m for k in last if (m := _part(parts, k))]:
+            break
     # A letter may be the name of a joint or a direction in space, behind what it is of.
     found.sort(key=lambda m: len(m[1]) == 1)
     path = sum(not part.isdigit() for part in parts) > 1
@@ -150,12 +167,24 @@ def _part(parts: list[str], k: int) -> tuple[str, str, str] | None:
     numbers = [w for w in words if w.isdigit()]
     if len(words) > 2 and words[1].isdigit() and words[0] in _SAID["stems"]["position"]:
         words = words[2:]  # q3_tau: the torque of a joint that is called q3
+    following = [*words[1:], ""][: len(words)]  # M1: the first motor
+    words = [w for w, n in zip(words, following, strict=True) if w != "m" or not n.isdigit()]
+    words = _of_franka(words)
     words = [w for w in words if not w.isdigit() and w not in _FILLING]
     for stem in ("_".join(words), "_".join(words[1:] if set(words[:1]) & _PREFIXES else ())):
         if stem in _ROLES and _ROLES[stem] not in ("x2", "good"):
             before = [n for part in parts[: k - 1] for n in re.findall(r"\d+", part)]
             return _ROLES[stem], stem, ".".join(parts[k:] or numbers or before[-1:])
     return None
+
+
+def _of_franka(words: list[str]) -> list[str]:
+    """Words of a heading from `tau_J` on, what stands before it left out unless it asks."""
+    for k in range(1, len(words) - 1):
+        if words[k : k + 2] == ["tau", "j"]:
+            asked = set(words[:k]) & set(_SAID["marks"]["asked"])
+            return ["tau", "j", "d"] if asked else words[k:]
+    return words
 
 
 def _fits(role: str, unit: str) -> bool:
@@ -184,16 +213,15 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
     }
     for role in [role for role in NAMES if role not in columns]:
         found = _same_joint(named(role, names), names, chosen)
+        found = _in_best_unit(role, found, headings)
         if role not in ROLES[:3]:  # only what is beyond doubt, by name and unit
             sure = [k for k in found if k not in chosen.values()]
             sure = [k for k in sure if _fits(role, split_header(headings[k])[1])]
             found = sure if len(found) == 1 else []
-        elif len(found) > 1:
-            several = len({meaning(names[k])[2] for k in found}) == len(found)
-            raise ValueError(
-                f"{where}: {', '.join(repr(names[k]) for k in found)} could each be {role}; "
-                f'say which: columns={{"{role}": ...}}' + ", or one joint: joint=..." * several
-            )
+        elif not found and _may_be_guessed(role, timed, names):
+            found = _guessed(role, headings, set(chosen.values()))
+        if len(found) > 1 and role in ROLES[:3]:
+            raise _several(role, found, headings, names, where)
         if found:
             chosen[role] = found[0]
     for role, needed, none in (
@@ -202,15 +230,92 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
         ("x", "v" not in chosen, "a column of velocity, v"),
     ):
         if needed and role not in chosen:
-            raise ValueError(
-                f"{where}: no column recognised as {role}; available: {_listing(headings)}. "
-                f'Say which it is: columns={{"{role}": ...}}, or give {none} if there is none'
-                + see("howto/read_csv")
-            )
+            raise _unknown(role, none, headings, set(chosen.values()), where)
     for a, b in itertools.combinations(chosen, 2):
         if chosen[a] == chosen[b]:
             raise ValueError(f"{where}: column {headings[chosen[a]]!r} serves as both {a} and {b}")
     return chosen
+
+
+def _in_best_unit(role: str, found: list[int], headings: list[str]) -> list[int]:
+    """Of columns of one name that of the surest unit: newtons before the volts of the sensor."""
+    parts = [split_header(headings[k]) for k in found]
+    if len(found) < 2 or len({name for name, _ in parts}) > 1:
+        return found
+    units = {k: known_unit(unit) for k, (_, unit) in zip(found, parts, strict=True)}
+    for kinds in _BY_UNIT.get(role, ()):
+        if best := [k for k, unit in units.items() if unit and unit.kind in kinds]:
+            return best
+    return found
+
+
+def _may_be_guessed(role: str, timed: bool | None, names: list[str]) -> bool:
+    """Whether a source must have a column of this role."""
+    return {"t": timed is not False, "x": not named("v", names)}.get(role, True)
+
+
+def _guessed(role: str, headings: list[str], taken: set[int]) -> list[int]:
+    """Columns that a letter of physics, or else a unit, shows to play a role."""
+    parts = [split_header(heading) for heading in headings]
+    free = [k for k in range(len(headings)) if k not in taken and not meaning(parts[k][0])[0]]
+    letters = [k for k in free if _SYMBOLS.get(parts[k][0].strip().casefold()) == role]
+    letters = [k for k in letters if _fits(role, parts[k][1])]
+    if letters:
+        return letters
+    units = {k: known_unit(parts[k][1]) if parts[k][1] else None for k in free}
+    for kinds in _BY_UNIT.get(role, ()):
+        found = [k for k, unit in units.items() if unit and unit.kind in kinds]
+        if found:
+            return found
+    return []
+
+
+def _several(
+    role: str, found: list[int], headings: list[str], names: list[str], where: str
+) -> RefusalError:
+    """The error for several columns that could play a role, with a line for each."""
+    joints = [meaning(names[k])[2] for k in found]
+    several = len(set(joints)) == len(found)
+    first = joints[0] if several and joints[0] else ""
+    joint: Any = int(first) if first.isdigit() else first
+    mend = {"joint": joint} if first else {"columns": {role: headings[found[0]].strip()}}
+    ways = " or ".join(f'columns={{"{role}": {headings[k].strip()!r}}}' for k in found[:4])
+    return RefusalError(
+        f"{where}: {', '.join(repr(names[k]) for k in found)} could each be {role}; "
+        f'say which: columns={{"{role}": ...}}, that is {ways}'
+        + f", or one joint: joint={joint or '...'!r}"
+        * several,
+        **mend,
+    )
+
+
+def _likely(role: str, heading: str) -> bool:
+    """Whether the first or last word of a heading, and its unit, suit a role."""
+    name, unit = split_header(heading)
+    words = re.findall(r"[^\W\d_]+", worded(name))
+    stems = {"u": "drive", "x": "position"}
+    suited = _SAID["stems"][stems[role]] if role in stems else ("time", "timestamp", "stamp")
+    ends = set(words[-1:]) | (set(words[:1]) if len("".join(words[1:])) < 3 else set())
+    return bool(ends & set(suited)) and _fits(role, unit) and meaning(name)[0] in ("", role)
+
+
+def _unknown(
+    role: str, none: str, headings: list[str], taken: set[int], where: str
+) -> RefusalError:
+    """The error for a role that no column is recognised to play."""
+    free = [h.strip() for k, h in enumerate(headings) if k not in taken and h.strip()]
+    likely = [h for h in free if _likely(role, h)]
+    mend: dict[str, Any] = {"columns": {role: likely[0] if likely else ...}}
+    if role == "t" and not likely:
+        mend = {"rate": ...}
+    elif role == "u" and all(meaning(split_header(h)[0])[0] for h in free):
+        mend = {"columns": {"u": None}}
+    return RefusalError(
+        f"{where}: no column recognised as {role}; available: {_listing(headings)}. "
+        f'Say which it is: columns={{"{role}": ...}}, or give {none} if there is none'
+        + see("howto/read_csv"),
+        **mend,
+    )
 
 
 def _checked_columns(columns: Any) -> Mapping[str, str | int | None]:
@@ -267,6 +372,22 @@ def left_out(headings: list[str], chosen: Mapping[str, int]) -> tuple[str, ...]:
     """Note that names the columns of a source that play no role."""
     rest = [h for k, h in enumerate(headings) if k not in chosen.values() and h]
     return (f"left out: {_listing(rest)}",) if rest else ()
+
+
+def guesses(headings: list[str], chosen: Mapping[str, int], wanted: Wanted) -> tuple[str, ...]:
+    """Notes on columns that were taken by a letter or a unit, not by a name."""
+    notes = []
+    for role in [role for role in ROLES if role in chosen and role not in (wanted.columns or {})]:
+        heading = headings[chosen[role]].strip()
+        name, unit = split_header(heading)
+        found = known_unit(unit)
+        if wanted.joint is not None or meaning(name)[0] == role:
+            continue
+        if _SYMBOLS.get(name.strip().casefold()) == role:
+            notes.append(f"{heading!r} taken as {role}: by its letter")
+        elif found is not None:
+            notes.append(f"{heading!r} taken as {role}: the only column in a unit of {found.kind}")
+    return tuple(notes)
 
 
 def _find_column(role: str, wanted: Any, headings: list[str], names: list[str], where: str) -> int:

@@ -1,4 +1,4 @@
-"""Numeric variables of MAT-files, versions 4 to 7.
+"""Numeric variables of MAT-files, versions 4 to 7, and where those of 7.3 are read.
 
 The file layout is MathWorks' "MAT-File Format". Level 5 has a reader of its own here, because the
 one in scipy (1.17) ends the interpreter where a damaged file gives an element another type.
@@ -17,7 +17,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.io import loadmat
 
+from dryfric_control.records.readers.channels import Wanted
 from dryfric_control.records.readers.limits import refused_if_damaged
+from dryfric_control.records.readers.mat73_file import read_mat73
 
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8",
           13: "u8"}  # fmt: skip
@@ -28,14 +30,12 @@ _ROOM, _RATIO = 2**26, 100
 _DEPTH = 8
 
 
-def read_mat(path: Path, _: Any = None) -> dict[str, Any]:
-    """Numeric variables of a MAT-file of version 4 to 7, structs flattened."""
+def read_mat(path: Path, wanted: Wanted) -> dict[str, Any]:
+    """Numeric variables of a MAT-file of version 4 to 7.3, structs flattened."""
+    with path.open("rb") as file:
+        if file.read(16).startswith((b"\x89HDF", b"MATLAB 7.3")):
+            return read_mat73(path, wanted)
     content = path.read_bytes()
-    if content.startswith((b"\x89HDF", b"MATLAB 7.3")):
-        raise ValueError(
-            f"{path.name} is a MAT-file of version 7.3 (HDF5), which is not read; save it in "
-            "MATLAB with save(..., '-v7'), or read it with h5py and pass a dict of arrays"
-        )
     table: dict[str, Any] = {}
     with refused_if_damaged(path, "MAT-file of version 4 to 7"):
         # Version 4 begins with a small number in one byte order or the other, later ones with text.

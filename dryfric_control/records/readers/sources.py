@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -12,13 +13,22 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.checks import short
+from dryfric_control.records.clock import epoch_of
 from dryfric_control.records.readers import channels
+from dryfric_control.records.readers.can_log import CanLog
 from dryfric_control.records.readers.channels import Channels, Wanted
+from dryfric_control.records.readers.common_clock import on_position_clock, with_own_clocks
 from dryfric_control.records.readers.limits import too_long
+from dryfric_control.records.readers.log_file import Channel, LogFile
 from dryfric_control.records.readers.mat_file import read_mat
-from dryfric_control.records.readers.mcap_log import read_mcap
+from dryfric_control.records.readers.mcap_log import McapLog
+from dryfric_control.records.readers.mdf_file import MdfFile
+from dryfric_control.records.readers.ros_bag import RosBag
 from dryfric_control.records.readers.tables import read_frame, read_json_lines, read_numpy
+from dryfric_control.records.readers.tdms_file import TdmsFile
 from dryfric_control.records.readers.text_file import SUFFIXES, read_column, read_text
+from dryfric_control.records.readers.ulog_file import UlogFile
+from dryfric_control.records.refusal import RefusalError
 from dryfric_control.records.scaling import Gain
 from dryfric_control.store.files import existing_file
 
@@ -33,11 +43,11 @@ def read_channels(
     if isinstance(most, bool) or not isinstance(most, int) or most < 1:
         raise ValueError(f"max_rows must be a positive whole number, got {most!r}")
     if isinstance(source, (str, os.PathLike)):
-        found = _of_file(existing_file(source), wanted)
+        found = _of_file(_bag_or_file(source), wanted)
     elif isinstance(source, Mapping):
         table = _with_files({str(k): v for k, v in source.items()}, most)
         found = _selected(table, Channels("the mapping"), wanted)
-    elif hasattr(source, "columns") and hasattr(source, "__getitem__"):
+    elif _is_frame(source):
         kept = Channels("the data frame")
         if (meta := getattr(source, "attrs", {}).get("dryfric_control")) is not None:
             damaged = "the data frame: attrs['dryfric_control'] is damaged; remove it"
@@ -47,6 +57,11 @@ def read_channels(
         raise ValueError(
             f"source must be a path, a data frame or a mapping of arrays, got {short(source)}"
         )
+    found = with_own_clocks(_with_unit_of_time(found, units), wanted.hold)
+    if found.clocks:
+        found = replace(found, lacking="")
+    asked = tuple(role for role, column in (wanted.columns or {}).items() if column is not None)
+    found = on_position_clock(found, wanted.hold, asked)
     values, notes = found.values, found.notes
     own_time = "t" in values
     if own_time and wanted.timed is False:
@@ -66,13 +81,39 @@ def _of_file(path: Path, wanted: Wanted) -> Channels:
     """Channels of a file as it stores them."""
     packed = path.suffix.lower() == ".gz"
     inner = Path(path.stem) if packed else path
-    suffix = inner.suffix.lower()
+    suffix = ".db3" if path.is_dir() else inner.suffix.lower()
     start = Channels(path.name, name=inner.stem)
     if suffix in SUFFIXES:
         return read_text(path, start, wanted)
     if packed or suffix not in _TABLES:
         raise ValueError(_unsupported(path))
-    return _selected(_TABLES[suffix](path, wanted), start, wanted, listed=True)
+    table = _TABLES[suffix](path, wanted)
+    if not isinstance(table, LogFile):
+        return _selected(table, start, wanted, listed=True)
+    with closing(table):
+        try:
+            return _selected(table, start, wanted, listed=True)
+        except RefusalError as problem:
+            raise RefusalError(f"{problem}{table.hint}", **problem.mend) from None
+
+
+def _bag_or_file(source: str | os.PathLike[str]) -> Path:
+    """The path of a file, or of the folder that a bag of ROS 2 is."""
+    if isinstance(source, (str, os.PathLike)) and (Path(source) / "metadata.yaml").is_file():
+        return Path(source)
+    return existing_file(source)
+
+
+def _with_unit_of_time(found: Channels, units: Any) -> Channels:
+    """Bare stamps that are too large for anything but a count from a date get its unit."""
+    stamps = next(iter(found.clocks.values()), found.values.get("t"))
+    if found.units.get("t") or (channels.units_by_role(units)).get("t"):
+        return found
+    epoch = epoch_of(stamps)
+    if epoch is None:
+        return found
+    note = f"t taken as {epoch.words}"
+    return replace(found, units={**found.units, "t": epoch.unit}, notes=(*found.notes, note))
 
 
 def _selected(
@@ -82,6 +123,8 @@ def _selected(
     headings, named = list(table), wanted.columns or {}
     unnamed = all(h.isdigit() for h in headings)  # columns of an array
     known = [""] * len(headings) if unnamed else headings
+    if isinstance(table, LogFile):
+        return _of_log(table, start, wanted)
     chosen = channels.assign_columns(known, wanted, start.where)
     for role in (*channels.EXTRAS, "good"):  # kept where they are numbers, one for each sample
         if role in chosen and role not in named and (role != "v" or "x" in chosen):
@@ -106,7 +149,38 @@ def _selected(
         notes += (f"u = gtau * vir with gtau = {factor:g} N/V",)
     elif listed:
         notes += channels.left_out(headings, chosen)
+    notes += channels.guesses(known, chosen, wanted)
     return replace(start, values=values, units=units, notes=notes)
+
+
+def _of_log(log: LogFile, start: Channels, wanted: Wanted) -> Channels:
+    """Chosen channels of a log, each with its own clock."""
+    headings, named = log.headings, wanted.columns or {}
+    # Each channel has a clock; a channel of time is one only where the caller says so.
+    untimed = wanted._replace(timed=None, columns={"t": None, **named})
+    chosen = channels.assign_columns(headings, untimed, start.where)
+    own = chosen.pop("t", None)
+    found: dict[str, Channel] = {role: log[headings[k]] for role, k in chosen.items()}
+    for role in [role for role in found if role in (*channels.EXTRAS, "good")]:
+        if role not in named and (role == "good" or len(found[role].values) < 2):
+            del found[role], chosen[role]
+    sent = all(one.sent is not None for one in found.values())
+    clocks = {role: one.sent if sent else one.stamps for role, one in found.items()}
+    units = {role: channels.split_header(headings[chosen[role]])[1] for role in found}
+    units["t"] = "ns" if sent else next(iter(found.values())).unit
+    if own is not None and "t" in named:
+        times = log[headings[own]]
+        if any(len(one.values) != len(times.values) for one in found.values()):
+            raise ValueError(
+                f"{start.where}: {headings[own]!r} is no time of the other channels, which were "
+                "not read with it: leave columns={'t': ...} out, each has a clock of its own"
+            )
+        clocks = dict.fromkeys(found, times.values)
+        units["t"] = channels.split_header(headings[own])[1]
+    values = {role: one.values for role, one in found.items()}
+    notes = start.notes + channels.left_out(headings, chosen)
+    notes += channels.guesses(headings, chosen, wanted)
+    return replace(start, values=values, units=units, notes=notes, clocks=clocks)
 
 
 def _from_first(values: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -165,7 +239,6 @@ def _unsupported(path: Path) -> str:
         "otherwise load it and pass a dict of arrays",
         ".xls": "save it as .xlsx or CSV",
         ".gz": "only text such as run.csv.gz is read compressed; decompress it first",
-        ".bag": "convert it to .mcap",
     }.get(path.suffix.lower(), "save it as CSV, or pass a dict of arrays")
     return (
         f"{path.name}: files of type {path.suffix!r} are not read; {mend}. "
@@ -195,13 +268,19 @@ def _as_seconds(values: Any) -> Any:
     return array / np.timedelta64(1, "s")
 
 
+def _is_frame(source: Any) -> bool:
+    """Whether a source is a data frame of pandas or polars, or a table of Arrow."""
+    return hasattr(source, "columns") and hasattr(source, "__getitem__")
+
+
 def frame_columns(frame: Any) -> dict[str, Any]:
     """Columns of a data frame; its index too when that carries the time."""
+    arrow = hasattr(frame, "column_names")  # whose `columns` are the columns themselves
     table: dict[str, Any] = {}
-    for k, label in enumerate(frame.columns):
+    for k, label in enumerate(frame.column_names if arrow else frame.columns):
         if str(label) in table:
             raise ValueError(f"the data frame has two columns {str(label)!r}; rename one")
-        series = frame.iloc[:, k] if hasattr(frame, "iloc") else frame[label]
+        series = frame.iloc[:, k] if hasattr(frame, "iloc") else frame[k if arrow else label]
         table[str(label)] = _plain(series)
     index = getattr(frame, "index", None)
     if index is not None and not channels.named("t", [channels.split_header(h)[0] for h in table]):
@@ -214,17 +293,31 @@ def frame_columns(frame: Any) -> dict[str, Any]:
 
 def _plain(series: Any) -> Any:
     """Values of a column; dates of any time zone as those of UTC."""
-    if getattr(series.dtype, "tz", None) is None:
-        return series.to_numpy()
-    # A column has its dates under .dt, an index is its dates.
-    utc = getattr(series, "dt", series).tz_convert("UTC")
-    return getattr(utc, "dt", utc).tz_localize(None).to_numpy()
+    try:
+        if getattr(getattr(series, "dtype", None), "tz", None) is not None:
+            # A column has its dates under .dt, an index is its dates.
+            utc = getattr(series, "dt", series).tz_convert("UTC")
+            return getattr(utc, "dt", utc).tz_localize(None).to_numpy()
+        values = series.to_numpy()
+    except ImportError as problem:
+        raise ImportError(
+            f"a column of this data frame needs {problem.name or 'another library'} to become "
+            'numbers: pip install "dryfric-control[tables]"'
+        ) from None
+    if values.dtype.kind == "O" and getattr(series.dtype, "kind", "") in "iuf":
+        return series.to_numpy(dtype=np.float64, na_value=np.nan)  # whole numbers with gaps
+    return values
 
 
-_TABLES: dict[str, Callable[[Path, Wanted], dict[str, Any]]] = {
+_TABLES: dict[str, Callable[[Path, Wanted], Mapping[str, Any]]] = {
     **dict.fromkeys((".npz", ".npy"), read_numpy),
     **dict.fromkeys((".jsonl", ".ndjson"), read_json_lines),
     **dict.fromkeys((".xlsx", ".parquet"), lambda path, w: frame_columns(read_frame(path, w))),
     ".mat": read_mat,
-    ".mcap": read_mcap,
+    ".mcap": McapLog,
+    **dict.fromkeys((".mf4", ".mdf"), MdfFile),
+    ".tdms": TdmsFile,
+    **dict.fromkeys((".bag", ".db3"), RosBag),
+    **dict.fromkeys((".blf", ".asc", ".trc", ".log"), CanLog),
+    ".ulg": UlogFile,
 }

@@ -68,20 +68,26 @@ def read_json_lines(path: Path, wanted: Wanted) -> dict[str, Any]:
     return {key: np.array(one + [np.nan] * (rows - len(one))) for key, one in found.items()}
 
 
-def numbers(prefix: str, content: Any, depth: int) -> Iterator[tuple[str, float]]:
-    """Numbers of a message; those of an array by the names that stand beside it, or by index."""
+def numbers(
+    prefix: str, content: Any, depth: int, empty: set[str] | None = None
+) -> Iterator[tuple[str, float]]:
+    """Numbers of a message; those of an array by the names that stand beside it, or by index.
+
+    Arrays without any are added to `empty`.
+    """
     if isinstance(content, (int, float)) and not isinstance(content, bool):
         yield prefix, float(content)
     elif depth == _DEEPEST or isinstance(content, (str, bytes, bool, type(None))):
         return
     elif isinstance(content, (Sequence, np.ndarray)):
+        if len(content) == 0 and empty is not None:
+            empty.add(prefix)
         for k, value in enumerate(content[:_LONGEST]):
-            yield from numbers(f"{prefix}.{k}" if prefix else str(k), value, depth + 1)
+            yield from numbers(f"{prefix}.{k}" if prefix else str(k), value, depth + 1, empty)
+    elif isinstance(content, np.generic):
+        yield from numbers(prefix, content.item(), depth + 1)
     else:
-        items = (
-            dict(content) if isinstance(content, Mapping)
-            else {key: getattr(content, key) for key in getattr(content, "__slots__", ())}
-        )  # fmt: skip
+        items = _fields(content)
         names = items.get("name")
         if not (isinstance(names, (list, tuple)) and all(isinstance(n, str) for n in names)):
             names = ()
@@ -89,7 +95,15 @@ def numbers(prefix: str, content: Any, depth: int) -> Iterator[tuple[str, float]
             path = f"{prefix}.{key}" if prefix else str(key)
             if names and isinstance(value, (Sequence, np.ndarray)) and len(value) == len(names):
                 value = dict(zip(names, value, strict=True))
-            yield from numbers(path, value, depth + 1)
+            yield from numbers(path, value, depth + 1, empty)
+
+
+def _fields(content: Any) -> dict[str, Any]:
+    """Named parts of a message: a mapping, or an object of a decoder's own class."""
+    if isinstance(content, Mapping):
+        return dict(content)
+    names = getattr(content, "__slots__", ()) or getattr(content, "__dataclass_fields__", ())
+    return {key: getattr(content, key) for key in names}
 
 
 def read_frame(path: Path, wanted: Wanted) -> Any:

@@ -19,6 +19,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
+from dryfric_control.records.clock import epoch_of
 from dryfric_control.records.readers import channels
 from dryfric_control.records.readers.channels import EXTRAS, Channels, Wanted, split_header
 from dryfric_control.records.readers.limits import too_long
@@ -39,6 +40,8 @@ _NO_NUMBER = ("", "nan", "-nan", "null", "none", "na", "n/a", "#n/a", "-", "--",
 _WHOLE = re.compile(r"[+-]?\d{1,19}", re.ASCII)
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 _DELIMITERS = (";", "\t", ",", None)  # None: runs of blanks
+# Rows of an export of TwinCAT Scope that is separated by colons.
+_SCOPE_COLONS = ("Name:", "Data-Type:", "SampleTime[ms]:")
 _LINE_LIMIT = 1_000_000
 _CHUNK = 65_536
 _STAMP = re.compile(
@@ -52,6 +55,8 @@ _DATES = (
 )
 _EMPTY = "the cell is empty; give dt= [s], which fills and masks what is lost"
 _TAIL = 50  # rows whose last cells show whether that of the last row is cut off
+# Rows of which one shows an export of TwinCAT Scope.
+_SCOPE_ROWS = {"Data-Type", "SampleTime[ms]", "SymbolName", "Starttime of export"}
 _PREAMBLE = 200  # lines among which the first row of numbers must be
 
 _Lines = list[tuple[int, str]]  # with their numbers
@@ -70,7 +75,9 @@ class _Text:
     headings: list[str] = field(default_factory=list)
     chosen: dict[str, int] = field(default_factory=dict)
     optional: tuple[str, ...] = ()  # channels nobody asked for: their gaps are no errors
-    twins: tuple[int, ...] = ()  # columns of time of other channels
+    clocks: dict[str, int] = field(default_factory=dict)  # columns of time by channel
+    factors: tuple[str, ...] = ()  # notes on factors that the file states
+    lacking: str = ""  # what to say of the first number that is missing
     dated: bool = False  # the time is in dates, ns of which are kept
     decimal: str = ""  # "." or "," once one was seen
 
@@ -78,9 +85,17 @@ class _Text:
     def name(self) -> str:
         return self.path.name
 
+    @property
+    def columns(self) -> list[int]:
+        """Columns that are read, each once."""
+        return list(dict.fromkeys([*self.chosen.values(), *self.clocks.values()]))
+
     def cells(self, line: str) -> list[str]:
         """Cells of a row, without what follows a delimiter at its end."""
-        return _cells(line, self.delimiter, width=len(self.headings))
+        cells = _cells(line, self.delimiter, width=len(self.headings))
+        if self.clocks:  # those of a slower channel end earlier
+            cells += [""] * (len(self.headings) - len(cells))
+        return cells
 
 
 def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
@@ -108,25 +123,39 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
         raise ValueError(f"{text.name} holds no data, only blank or comment lines")
     if not parts:
         raise ValueError(f"{text.name} holds a heading and no data rows")
-    data = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    values = {role: _column(data.pop(0)) for role in text.chosen}
-    if not all(np.array_equal(values["t"], times) for times in data):
-        raise ValueError(
-            f"{text.name}: its channels have times of their own; export them with one time"
-        )
+    data = {k: np.concatenate(column) for k, column in zip(text.columns, zip(*parts, strict=True),
+                                                           strict=True)}  # fmt: skip
+    values = {role: _column(data[k]) for role, k in text.chosen.items()}
+    clocks = _clocks(text, values, data)
     for role in text.optional:
-        if not np.isfinite(values[role]).mean() > (0.8 if wanted.lenient else 1.0 - 1e-12):
+        lenient = wanted.lenient or clocks or text.lacking
+        if not np.isfinite(values[role]).mean() > (0.8 if lenient else 1.0 - 1e-12):
             del values[role], text.chosen[role]
+            clocks.pop(role, None)
     units = {r: split_header(text.headings[k])[1] for r, k in text.chosen.items()}
     if text.dated:
         values["t"], units["t"] = _over_midnight(values["t"]), "ns"
+    if clocks:
+        units["t"] = "" if epoch_of(values.pop("t")) else units["t"]
+    start = replace(start, values=values, units=units, clocks=clocks, lacking=text.lacking)
     if own := _own_notes(text):
-        return replace(start, values=values, units=units, **own)
-    notes = channels.left_out(text.headings, text.chosen)
+        return replace(start, **own)
+    notes = channels.left_out(text.headings, text.chosen) + text.factors
+    notes += channels.guesses(text.headings, text.chosen, wanted)
     if above > 1:
         lines, were = ("line", "was") if above == 2 else ("lines", "were")
         notes = (f"{above - 1} {lines} above the heading {were} skipped", *notes)
-    return replace(start, values=values, units=units, notes=notes)
+    return replace(start, notes=notes)
+
+
+def _clocks(text: _Text, values: dict[str, _Array], data: dict[int, _Array]) -> dict[str, _Array]:
+    """Stamps by channel where several columns of time differ, none where they do not."""
+    if not text.clocks:
+        return {}
+    found = {role: _column(data[k]) for role, k in text.clocks.items()}
+    if all(np.array_equal(values["t"], one) for one in found.values()):
+        return {}
+    return found
 
 
 def read_column(path: Path, max_rows: int) -> tuple[str, list[_Array]]:
@@ -221,12 +250,12 @@ def _lay_out(text: _Text, chunk: _Lines) -> int:
     first = 1 if said else 0
     if first == len(lines):
         raise ValueError(f"{text.name} holds no data, only its separator")
-    text.delimiter = said[1].strip(" ") or None if said else _delimiter(lines[-20:])
+    text.delimiter = said[1].strip(" ") or None if said else _delimiter(lines)
     rows = [_cells(line, text.delimiter) for line in lines]
     if len(rows) - first <= 2 and not any(_is_number(c) for row in rows[first:] for c in row):
         raise ValueError(f"{text.name} holds a heading and no data rows")
     clocks: list[int] = []
-    if (scope := _scope(rows)) is not None:
+    if (scope := _scope(text, rows)) is not None:
         start, text.headings, clocks = scope
     else:
         start = _with_headings(text, chunk, rows, first)
@@ -242,14 +271,17 @@ def _lay_out(text: _Text, chunk: _Lines) -> int:
             )
     text.chosen = channels.assign_columns(text.headings, text.wanted, text.name)
     text.optional = tuple(r for r in EXTRAS if r in text.chosen and r not in (columns or {}))
-    if clocks and "t" in text.chosen:
-        own = {max((c for c in clocks if c <= k), default=0) for k in text.chosen.values()}
-        text.twins = tuple(own - {text.chosen["t"]})
+    if clocks and "t" in text.chosen and "t" not in (columns or {}):
+        played = {role: k for role, k in text.chosen.items() if role != "t"}
+        text.clocks = {role: max(c for c in clocks if c <= k) for role, k in played.items()}
     return start
 
 
-def _delimiter(lines: list[str]) -> str | None:
+def _delimiter(above: list[str]) -> str | None:
     """The one that gives most numbers; for text alone, most cells; ties go to the first listed."""
+    lines = above[-20:]
+    if any(line.startswith(_SCOPE_COLONS) for line in above):
+        return ":"
 
     def cells(delimiter: str | None) -> tuple[int, int]:
         found = [c for line in lines for c in _cells(line, delimiter)]
@@ -258,20 +290,31 @@ def _delimiter(lines: list[str]) -> str | None:
     return max(_DELIMITERS, key=cells)
 
 
-def _scope(rows: list[list[str]]) -> tuple[int, list[str], list[int]] | None:
+def _scope(text: _Text, rows: list[list[str]]) -> tuple[int, list[str], list[int]] | None:
     """First row of numbers, headings and columns of time of an export of TwinCAT Scope."""
     # Rows above the numbers begin with what they say; a column of time in ms, under these words,
     # stands before every channel or before all.
-    about = {row[0]: k for k, row in enumerate(rows) if len(row) > 2}
-    if "Name" not in about or not {"Data-Type", "SampleTime[ms]", "SymbolName"} & set(about):
+    about = {row[0]: k for k, row in enumerate(rows) if len(row) > 1}
+    if "Name" not in about or not _SCOPE_ROWS & set(about):
         return None
-    names, units = rows[about["Name"]], rows[about["Unit"]] if "Unit" in about else []
+    names = rows[about["Name"]]
     start = next((k for k in range(about["Name"], len(rows)) if _is_number(rows[k][0])), len(rows))
     clocks = [k for k, name in enumerate(names) if name == "Name"]
+
+    def said(row: str, k: int) -> str:
+        cells = rows[about[row]] if row in about else []
+        return cells[k] if k < len(cells) else ""
+
     headings = []
     for k, name in enumerate(names):
-        unit = units[k] if k < len(units) and known_unit(units[k]) else ""
-        headings.append("" if k in clocks else f"{name} [{unit}]" if unit else name)
+        # "V (Voltage)": the unit, then its quantity
+        unit = said("Unit", k).partition(" (")[0].strip()
+        headings.append("" if k in clocks else f"{name} [{unit}]" if known_unit(unit) else name)
+        for row, usual in (("ScaleFactor", 1.0), ("Offset", 0.0)):
+            cell = said(row, k)
+            if k not in clocks and _is_number(cell) and _number(cell) != usual:
+                text.factors += (f"{name} has {row} {cell}: the export says not whether it is in "
+                                 "the numbers",)  # fmt: skip
     headings[clocks[0]] = "time [ms]"
     return start, headings, clocks
 
@@ -436,8 +479,8 @@ def _parse(text: _Text, chunk: _Lines) -> list[_Array]:
             cells += row
     clock = text.chosen.get("t")
     text.dated = text.dated or (clock is not None and _stamp(cells[clock].strip()) is not None)
-    pick = [*text.chosen.items(), *(("t", k) for k in text.twins)]
-    return [_numbers(text, role, k, cells[k::width], chunk) for role, k in pick]
+    roles = {k: role for role, k in text.chosen.items()}
+    return [_numbers(text, roles.get(k, "t"), k, cells[k::width], chunk) for k in text.columns]
 
 
 def _numbers(text: _Text, role: str, column: int, cells: list[str], chunk: _Lines) -> _Array:
@@ -467,14 +510,16 @@ def _value(text: _Text, role: str, column: int, cell: str, number: int, exact: b
     if role == "t" and text.dated and (stamp := _stamp(cell)) is not None:
         return stamp
     if not _is_number(cell) or (text.delimiter == "," and "," in cell):
-        if role in text.optional or (text.wanted.lenient and cell.lower() in _NO_NUMBER):
+        missing = cell.lower() in _NO_NUMBER
+        if role in text.optional or (missing and (text.wanted.lenient or text.clocks)):
             return math.nan
         what = f"{cell[:40]!r} is not a number" if cell else _EMPTY
         label = text.headings[column] or str(column)
-        raise ValueError(
-            f"{text.name}: row {number}, column {label!r} ({role}): {what}"
-            + _DATES * (role == "t" and cell.count(":") + cell.count("-") > 1)
-        )
+        message = f"{text.name}: row {number}, column {label!r} ({role}): {what}"
+        if missing and role != "t":
+            text.lacking = text.lacking or message
+            return math.nan
+        raise ValueError(message + _DATES * (role == "t" and cell.count(":") + cell.count("-") > 1))
     mark = "," if "," in cell else "." if "." in cell else ""
     if mark and text.decimal and mark != text.decimal:
         raise ValueError(

@@ -1,0 +1,136 @@
+"""Clocks: the unit of bare stamps, what stamps resolve, and the even clock behind them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dryfric_control.arrays import Floats
+from dryfric_control.records.bad_readings import roundest
+
+
+class Epoch(NamedTuple):
+    """A way to count time from a date, by the numbers that the years 2001 to 2049 have in it."""
+
+    unit: str
+    words: str
+    least: float
+    most: float
+
+
+_EPOCHS = (
+    Epoch("ns", "ns since 1970", 0.97e18, 2.53e18),
+    Epoch("us", "us since 1970", 0.97e15, 2.53e15),
+    Epoch("ms", "ms since 1970", 0.97e12, 2.53e12),
+    Epoch("100 ns", "100 ns since 1601", 1.26e17, 1.42e17),
+)
+
+#: Part of a step by which an even clock may be off without a word.
+JITTER_LIMIT = 0.01
+# Shortest run of stamps of which a clock is fitted.
+_LEAST_STAMPS = 20
+# Largest distance of a rounded stamp from the clock, in steps of its rounding: half a step, and
+# what a least-squares line adds to it.
+_ROUNDED = 0.55
+# The same in single precision, where the rounding grows with the time.
+_ROUNDED_SINGLE = 0.65
+# Part of decimal stamps that may repeat; of more it is not clear that they belong to one clock.
+_REPEATED = 0.05
+# Part of the steps between decimal stamps that are not the usual one: fewer are samples lost.
+_UNUSUAL = 0.05
+
+
+class EvenClock(NamedTuple):
+    """Stamps on the even clock that explains them."""
+
+    t: Floats
+    note: str
+
+
+def epoch_of(stamps: Any) -> Epoch | None:
+    """The epoch that bare stamps are counted from, None where their size does not show it."""
+    array = np.asarray(stamps)
+    if array.dtype.kind not in "iuf" or array.size == 0:
+        return None
+    there = array[np.isfinite(array)]
+    first, last = (float(there.min()), float(there.max())) if there.size else (0.0, 0.0)
+    known = (epoch for epoch in _EPOCHS if epoch.least <= first and last <= epoch.most)
+    return next(known, None)
+
+
+def even_clock(t: Floats) -> EvenClock | None:
+    """The even clock of stamps that were rounded; None for those that need no mend or have none.
+
+    Offset and rate are fitted first: a step between two coarse stamps is no measure of a loss.
+    """
+    if t.ndim != 1 or t.size < _LEAST_STAMPS or not np.isfinite(t).all():
+        return None
+    steps = np.diff(t)
+    mean = float((t[-1] - t[0]) / (t.size - 1))
+    if steps.min() < 0.0 or mean <= 0.0 or np.abs(steps - mean).max() <= JITTER_LIMIT * mean:
+        return None
+    single = single_spacing(t)
+    rounding = single or _decimal_spacing(t)
+    if not rounding or not (single or _rounded_often(steps, rounding)):
+        return None
+    limit = (_ROUNDED_SINGLE if single else _ROUNDED) * rounding
+    numbers = np.arange(t.size, dtype=np.float64)
+    rate, off = _line(numbers, t)
+    if off > limit and rate > 2.0 * rounding:
+        # Steps longer than twice the rounding count the samples that are not there.
+        numbers = _counted(t, steps)
+        rate, off = _line(numbers, t)
+    if off > limit:
+        return None
+    dt = roundest(rate, 4.0 * rounding / numbers[-1])
+    lost = round(float(numbers[-1])) + 1 - t.size
+    kind = "in single precision" if single else "rounded"
+    note = (
+        f"t is {kind}, to {rounding:.2g} s: put on the clock of {dt:.6g} s that fits all stamps "
+        f"within {off:.2g} s, {lost or 'no'} sample{'s' * (lost != 1)} lost"
+    )
+    return EvenClock(t[0] + dt * numbers, note)
+
+
+def _rounded_often(steps: Floats, rounding: float) -> bool:
+    """Whether steps between decimal stamps vary as rounding has it, not as a few losses do."""
+    unusual = np.abs(steps - np.median(steps)) > 0.5 * rounding
+    return bool(np.mean(steps == 0.0) <= _REPEATED and np.mean(unusual) > _UNUSUAL)
+
+
+def single_spacing(t: Floats) -> float:
+    """What stamps in single precision resolve at the latest of them; 0 for others."""
+    with np.errstate(over="ignore"):  # beyond single precision
+        single = t.astype(np.float32)
+    if not np.array_equal(single, t):
+        return 0.0
+    return float(np.spacing(np.abs(single).max()))
+
+
+def _decimal_spacing(t: Floats) -> float:
+    """Power of ten to which stamps were rounded; 0 if to none down to 1 ns."""
+    for digits in range(10):
+        spacing = 10.0**-digits
+        whole = t / spacing
+        if np.abs(whole - np.rint(whole)).max() <= 8.0 * np.spacing(np.abs(whole).max()):
+            return spacing
+    return 0.0
+
+
+def _line(numbers: Floats, t: Floats) -> tuple[float, float]:
+    """Rate of the line through stamps over sample numbers, and the largest distance from it."""
+    since = t - t[0]
+    centre = numbers - numbers.mean()
+    rate = float(centre @ since / (centre @ centre))
+    off = since - rate * numbers
+    return rate, float(0.5 * np.ptp(off))
+
+
+def _counted(t: Floats, steps: Floats) -> Floats:
+    """Sample numbers of stamps of which some are missing: steps in units of the usual one."""
+    usual = float(np.median(steps))
+    for _ in range(3):
+        numbers = np.append(0.0, np.cumsum(np.maximum(np.rint(steps / usual), 1.0)))
+        usual = _line(numbers, t)[0]
+    return numbers

@@ -1,0 +1,184 @@
+"""From a source to a record: what is read, brought to one clock, and all that stands in the way."""
+
+from __future__ import annotations
+
+import json
+import os
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dryfric_control.checks import one_of, positive
+from dryfric_control.records.clock import even_clock
+from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, Channels, Wanted
+from dryfric_control.records.readers.sources import read_channels
+from dryfric_control.records.record_warning import warn
+from dryfric_control.records.refusal import RefusalError
+from dryfric_control.records.scaling import Gain
+
+# Arguments that need not be said.
+_USUAL = (("max_rows", MAX_ROWS), ("hold", "zero"))
+# Reasons that are looked for before all are told.
+_MOST_REASONS = 8
+
+
+def read_as(
+    record: Any,
+    source: Any,
+    columns: Mapping[str, str | int | None] | None = None,
+    gain: Gain = 1.0,
+    **options: Any,
+) -> Any:
+    """A record, of the class `record`, from a source; arguments as in `read_record`.
+
+    Where the source is refused, what else would be refused with that mended is looked for, and all
+    is told at once, with one line that reads the source.
+    """
+    try:
+        return _read(record, source, columns, gain, **options)
+    except RefusalError as problem:
+        said = str(problem)
+        reasons, mend = [said], problem.mend
+    given = {"columns": columns, **options}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        while len(reasons) < _MOST_REASONS and mend and ... not in _plain_values(mend):
+            given = _merged(given, mend)
+            try:
+                _read(record, source, gain=gain, **given)
+                mend = {}
+            except RefusalError as problem:
+                if str(problem) in reasons:
+                    break
+                reasons.append(str(problem))
+                mend = problem.mend
+            except ValueError as problem:
+                reasons.append(str(problem))
+                mend = {}
+    line = _line(source, _merged(given, mend), gain)
+    if len(reasons) == 1:
+        raise RefusalError(f"{said.removesuffix('.')}. Read it by {line}", **mend)
+    listed = "".join(f"\n  {k}. {reason}" for k, reason in enumerate(reasons, 1))
+    raise RefusalError(f"not read as it is, for {len(reasons)} reasons:{listed}\nRead it by {line}")
+
+
+def _read(
+    record: Any,
+    source: Any,
+    columns: Mapping[str, str | int | None] | None = None,
+    gain: Gain = 1.0,
+    *,
+    units: Mapping[str, str] | None = None,
+    name: str | None = None,
+    dt: float | None = None,
+    rate: float | None = None,
+    max_gap: float | None = None,
+    unwrap: float | None = None,
+    max_rows: int,
+    joint: str | int | None = None,
+    hold: str = "zero",
+    database: Any = None,
+) -> Any:
+    """A record from a source, or the first reason against it."""
+    if rate is not None and dt is not None:
+        raise ValueError(
+            "rate and dt are both given: rate is for a source without a column of time"
+        )
+    if max_gap is not None and dt is None:
+        raise ValueError("max_gap is for resampling: give dt= too")
+    one_of("hold", hold, ("zero", "first"))
+    if database is not None and not isinstance(database, (str, os.PathLike, list, tuple)):
+        raise ValueError(f"database must be the path of a DBC or an EDS, got {database!r}")
+    step = None if dt is None else positive("dt", dt)
+    if rate is not None:
+        step = 1.0 / positive("rate", rate)
+    timed = False if rate is not None else None if dt is not None else True
+    wanted = Wanted(columns, joint, timed, step is not None, max_rows, hold, database)
+    found = _on_even_clock(read_channels(source, wanted, gain, units, step))
+    values: dict[str, Any] = {"u": None, "x": None, **found.values}
+    if found.lacking and not wanted.lenient:
+        raise RefusalError(found.lacking, dt=_usual_step(values["t"]))
+    good = values.pop("good", None)
+    extras = {role: values.pop(role) for role in EXTRAS if role in values}
+    if values["x"] is None and "x" not in (columns or {}):
+        warn(f"{found.name or 'the source'} has no position: it is the integral of the velocity")
+    kept = ("units", "notes", "quantum", "raw")
+    options: dict[str, Any] = {field: getattr(found, field) for field in kept}
+    options |= {"name": found.name if name is None else name, "unwrap": unwrap, "channels": extras}
+    if good is not None or found.masked is not None:
+        options["good"] = np.ones(np.size(values["t"]), bool) if good is None else good != 0
+    try:
+        gaps = step is not None and any(map(_has_gaps, values.values()))
+        if gaps or (dt is not None and found.timed):
+            return record.from_irregular(**values, dt=step, max_gap=max_gap, hold=hold, **options)
+        made = record(**values, **options)
+    except ValueError as problem:
+        if not isinstance(source, (str, os.PathLike)):
+            raise
+        mend = problem.mend if isinstance(problem, RefusalError) else {}
+        raise RefusalError(f"{Path(source).name}: {problem}", **mend) from None
+    if found.masked and len(found.masked) == len(made.masked.reasons):
+        return made._with(masked=made.masked._replace(reasons=found.masked))
+    return made
+
+
+def _on_even_clock(found: Channels) -> Channels:
+    """Channels with coarse stamps put on the even clock behind them."""
+    t = np.asarray(found.values["t"])
+    if not found.timed or t.dtype.kind != "f" or (even := even_clock(t.astype(np.float64))) is None:
+        return found
+    return replace(found, values={**found.values, "t": even.t}, notes=(*found.notes, even.note))
+
+
+def _usual_step(t: Any) -> Any:
+    """Step that most rows have, ... if there is none."""
+    steps = np.diff(np.asarray(t, dtype=np.float64))
+    steps = steps[np.isfinite(steps) & (steps > 0.0)]
+    return float(f"{np.median(steps):.3g}") if steps.size else ...
+
+
+def _has_gaps(values: Any) -> bool:
+    """Whether some of the numbers are missing."""
+    if np.ma.is_masked(values):
+        return True
+    array = np.asarray(values if values is not None else ())
+    return array.dtype.kind == "f" and not np.isfinite(array).all()
+
+
+def _plain_values(mend: Mapping[str, Any]) -> list[Any]:
+    """Values of arguments, those within mappings too."""
+    inner = [list(v.values()) if isinstance(v, Mapping) else [v] for v in mend.values()]
+    return [value for values in inner for value in values]
+
+
+def _merged(given: Mapping[str, Any], mend: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments with more of them; what is told by channel is added."""
+    out = dict(given)
+    for key, value in mend.items():
+        out[key] = {**(out.get(key) or {}), **value} if isinstance(value, Mapping) else value
+    return out
+
+
+def _line(source: Any, given: Mapping[str, Any], gain: Gain) -> str:
+    """A call of `read_record` to copy."""
+    words = [_shown(source) if isinstance(source, (str, os.PathLike)) else "source"]
+    shown = {**given, "gain": None if isinstance(gain, float) and gain == 1.0 else gain}
+    for key, value in shown.items():
+        if value is not None and (key, value) not in _USUAL:
+            words.append(f"{key}={_shown(value)}")
+    return f"read_record({', '.join(words)})"
+
+
+def _shown(value: Any) -> str:
+    """An argument as one types it."""
+    if value is ...:
+        return "..."
+    if isinstance(value, (str, os.PathLike)):
+        return json.dumps(os.fspath(value), ensure_ascii=False)
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_shown(k)}: {_shown(v)}" for k, v in value.items()) + "}"
+    return repr(value)

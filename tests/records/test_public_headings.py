@@ -1,0 +1,186 @@
+"""Headings of public logs: read as they are, or refused with the line that reads them.
+
+Each row has the repository whose log (or the code that writes it) has these headings, the arguments
+of the line that the refusal gives, none where the log is read as it is, and the headings, marked
+with what they are taken as. Only names of columns are from there; the numbers are made here.
+"""
+
+import re
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+
+LOGS = [
+    # yukunlin1124/Orin-Motor-Control
+    ("", "t=time (s); motor_id; x=position (deg); velocity (rpm); u=current (A); temperature(C)"),
+    # schn27/servosetup
+    ("rate=...", "Pos; Spd; Uin; Iout"),
+    # EvaZillen/3D-printed-pneumatic-actuator
+    ("", "t=Time (in ms); Laser (in V); Pressure (in V); Force (in V); x=Laser (in mm); Pressure (in bar); u=Force (in N)"),
+    # KonradMnich/friction-identification
+    ('columns={"u": ...}', "Time; Analog 1; Analog 2; Analog 3; Digital 1; Digital 2"),
+    # eliasoa/TTK4900_CDPR
+    ("joint=0", "t=time; x=ODrive 0 Position; ODrive 1 Position; ODrive 2 Position; ODrive 3 Position; ODrive 0 Velocity; ODrive 1 Velocity; ODrive 2 Velocity; ODrive 3 Velocity; u=ODrive 0 Current; ODrive 1 Current; ODrive 2 Current; ODrive 3 Current"),
+    # Amirjf/single-rod-pendulum
+    ('columns={"u": ...}', "xAccl; yAccl; zAccl; newPosition; time; pcTime"),
+    ('columns={"u": ...}', "time_sec; theta_kalman; theta_dot_kalman; theta_ddot_kalman; x_pivot_m"),
+    ('columns={"u": ...}', "time_s; alpha_m_rad_s2; omega_m_rad_s; theta_m_rad"),
+    ('columns={"u": ...}', "time; theta; x_pivot"),
+    ('columns={"u": ...}', "time; theta; x_pivot; dt; theta_rad; theta_kalman; theta_dot_kalman"),
+    # Royginald/small-controls-project
+    ('columns={"x": ...}', "Time (s); Voltage (V); Speed (steps/s)"),
+    # bk-poudel/Unitree_Z1
+    ("rate=..., joint=1", "q1; q2; q3; q4; q5; q6; q7; dq1; dq2; dq3; dq4; dq5; dq6; dq7"),
+    # ersaraujo/motors-data-collect
+    ('columns={"x": ...}, joint=1', "# CURRENT_M1; CURRENT_M2; PWM_M1; PWM_M2; DESIRED_M1; DESIRED_M2; TIMESTAMP"),
+    # liamjosephnolan/thesis_matlab
+    ('columns={"u": "pitch_effort", "x": "pitch_position"}', "t=time; u=pitch_effort; x=pitch_position; pitch_velocity"),
+    ('columns={"u": ...}', "time; pitch_position; pitch_velocity"),
+    ('columns={"u": "/psm_joint_telemetry/insertion/effort", "x": "/psm_joint_telemetry/insertion/position"}', "t=__time; /psm_joint_telemetry/header/stamp; u=/psm_joint_telemetry/insertion/effort; x=/psm_joint_telemetry/insertion/position; /psm_joint_telemetry/insertion/velocity; /psm_joint_telemetry/pitch/effort; /psm_joint_telemetry/pitch/position; /psm_joint_telemetry/pitch/velocity; /psm_joint_telemetry/roll/effort; /psm_joint_telemetry/roll/position; /psm_joint_telemetry/roll/velocity"),
+    ('columns={"u": "/psm_joint_telemetry/insertion/effort", "x": "/psm_joint_telemetry/insertion/position"}', "t=time; /psm_joint_telemetry/header/stamp; u=/psm_joint_telemetry/insertion/effort; x=/psm_joint_telemetry/insertion/position; /psm_joint_telemetry/pitch/effort; /psm_joint_telemetry/pitch/position; roll_effort; roll_position; roll_velocity"),
+    ('columns={"u": None}', "t=__time; x=/psm_joint_telemetry/roll/position; /psm_joint_telemetry/roll/velocity"),
+    # moelyaakoubi/GUI-RTDE
+    ("joint=0", "t=timestamp; x=actual_q_0; actual_q_1; actual_q_2; u=actual_current_0; actual_current_1; actual_current_2; target_qd_0; target_qdd_0; target_current_0"),
+    # Buobm/RobotLog
+    ('columns={"u": ...}', "Timestamp; GlobalX; GlobalY; GlobalYaw; XVelocity; YVelocity; YawVelocity; MotorTemp; BodyTemp; BatteryLevel; TimeToTarget; Mode"),
+    # Cobular/LKMTechCanDriver-Rust
+    ("", "t=Time; x=Position; Velocity; Position Error; Velocity Setpoint; Velocity Error; u=Target Torque; r=Target Pos"),
+    ("", "t=Time; x=Position; Velocity; u=input; action"),
+    # EMendezJ/Lab8
+    ('columns={"u": ...}', "timestamp; rpm; velocidad_lineal"),
+    # MatWieckowski/anti_gravity
+    ("", "t=Timestamp; x=Output Angle [deg]; Angular Velocity [dps]; Gravity Torque [Nm]; Friction Torque [Nm]; Damping Torque [Nm]; Target Torque [Nm]; u=Applied Torque [Nm]; Is Holding"),
+    # Palinho-gum/dashboardmonitoringmotordc
+    ('columns={"u": "voltage", "x": ...}', "timestamp; rpm; voltage; current; pwm"),
+    # atifmoh11-commits/6DOF-Python-Files
+    ('columns={"x": ...}', "# Time (s); Thrust (N)"),
+    ('columns={"u": ...}', "Time; X; Y; Z; Q0; Q1; Q2; Q3; Velocity; Acceleration; Mach"),
+    # dfki-ric-underactuated-lab/double_pendulum
+    ("joint=1", "t=time; x=pos1; pos2; vel1; vel2; u=tau1; tau2"),
+    ("joint=1", "t=time; x=pos1; pos2; vel1; vel2; u=tau1; tau2"),
+    ("joint=1", "t=time; x=pos1; pos2; vel1; vel2; u=tau1; tau2; K11; K12; K13; K14; K21; K22; K23; K24; k1; k2"),
+    ("joint=1", "t=time; x=pos_meas1; pos_meas2; vel_meas1; vel_meas2; pos_filt1; pos_filt2; vel_filt1; vel_filt2; tau_con1; tau_con2; tau_fric1; tau_fric2; u=tau_meas1; tau_meas2"),
+    ("joint=1", "t=time; x=pos_meas1; pos_meas2; vel_meas1; vel_meas2; pos_filt1; pos_filt2; r=pos_des1; pos_des2; vel_des1; vel_des2; tau_con1; tau_con2; tau_fric1; tau_fric2; u=tau_meas1; tau_meas2; tau_des1; tau_des2"),
+    ("joint=1", "t=time; x=pos1; vel1; acc1; jerk1; u=tau1; pos2; vel2; acc2; jerk2; tau2"),
+    ('columns={"u": "shoulder_torque", "x": "shoulder_pos"}', "t=time; x=shoulder_pos; shoulder_vel; shoulder_acc; shoulder_jerk; u=shoulder_torque; elbow_pos; elbow_vel; elbow_acc; elbow_jerk; elbow_torque"),
+    ("joint=1", "t=time; x=pos1; pos2; vel1; vel2; u=tau1; tau2; meas_pos1; meas_pos2; meas_vel1; meas_vel2"),
+    ('columns={"u": None}, joint=1', "t=time; x=pos1; pos2; vel1; vel2; acc1; acc2"),
+    # dfki-ric-underactuated-lab/torque_limited_simple_pendulum
+    ("", "t=time; x=pos; vel; u=torque"),
+    ("", "t=time; x=position; velocity; u=torque"),
+    ("", "; t=time; x=pos; vel; u=torque"),
+    # haibara-hsu/Mujocolearn
+    ('columns={"u": ...}, joint=1', "Time; Tip_X; Tip_Y; Tip_Z; J1_Angle; J2_Angle; J3_Angle"),
+    # koyomimono/OMUNI
+    ('columns={"u": ...}', "time[s]; mouse_x[mm]; mouse_y[mm]; angle_rad"),
+    ('columns={"x": "ex[mm]", "u": ...}', "time[s]; dt[s]; fps; ex[mm]; ey[mm]; ix; iy; cmd1; cmd2; cmd3"),
+    ('columns={"u": ...}', "Time; Error_X; Error_Y; Theta"),
+    # benitoriba/Finger_servo_control
+    ("", "t=time_ms; r=command_angle; x=feedback_angle; u=current_mA"),
+    # jn89b/mechatronics
+    ('columns={"u": ...}', "Time; EncoderPosition; TargetCounts"),
+    ('columns={"u": ...}', "Time; roll_dg; pitch_dg; yaw_dg; accel_x_normal; accel_y_normal; accel_z_normal"),
+    # maido-39/free-dog-sdk-dev
+    ('columns={"u": ...}', "timestamp; real_time; FR_0_target; FR_0_actual; FR_0_error; FR_1_target; FR_1_actual; FR_1_error"),
+    # umagaba/eyantra-balancing-robot
+    ('columns={"u": ...}', "Time (s); pidOutput; pitch"),
+    ('columns={"u": ...}', "integral; derivateive; tilterror; Time (s); pidOutput; pitch"),
+    ('columns={"x": "current_position", "u": ...}', "Time (s); kp_tilt; ki_tilt; kd_tilt; kp_pos; ki_pos; kd_pos; current_position; tilt_angle; filteredAngle; pidOutput; currentAngle"),
+    # frankaemika/libfranka
+    ("joint=0", "t=time; success_rate; x=state.q[0]; state.q[1]; state.q_d[0]; state.q_d[1]; state.dq[0]; state.dq[1]; state.dq_d[0]; state.dq_d[1]; u=state.tau_J[0]; state.tau_J[1]; state.tau_ext_hat_filtered[0]; state.tau_ext_hat_filtered[1]; cmd.q_d[0]; cmd.q_d[1]; cmd.dq_d[0]; cmd.dq_d[1]; cmd.tau_J_d[0]; cmd.tau_J_d[1]"),
+    # dongdaming1966/mcar_simulate
+    ('columns={"u": ...}', "time; angle_velocity; angle; motor_velocity"),
+    ('columns={"u": ...}', "time; angle_velocity; angle; motor_acc; motor_velocity; controller_output"),
+    # neurobionics/opensourceleg
+    ('columns={"x": ...}', "Time; Output_Current; Command_Current"),
+    # Rhoban/bam
+    ('columns={"u": ...}', "timestamp; position; speed; goal_position; load; input_volts; temp; torque_enable"),
+    # dongdaming1966/mcar_simulate
+    ('columns={"u": ...}', "time; angle_velocity; angle; motor_output(velocity); controller_output(acc); gyro_raw; acc_raw"),
+    # akhil22/data_processing
+    ('columns={"u": ...}', "v; w; t"),
+]  # fmt: skip
+N = 400
+T = 0.01 * np.arange(N)
+
+
+def source(headings):
+    """A log with these columns, each another motion, and a time where one is named."""
+    table = {one: (k + 1.0) * np.sin((1.0 + 0.37 * k) * T + k) for k, one in enumerate(headings)}
+    for one in headings:
+        if re.match(r"[# _]*(time|timestamp|t)(?![a-z])", one, re.IGNORECASE):
+            return {**table, one: T.copy()}
+    return table
+
+
+@pytest.mark.filterwarnings("ignore::dryfric_control.RecordWarning")
+@pytest.mark.parametrize(("line", "headings"), LOGS)
+def test_a_public_log_is_read_or_refused_with_the_line_to_copy(line, headings):
+    marked = [one.rpartition("=") for one in headings.split("; ")]
+    table = source([name for *_, name in marked])
+    if line:
+        with pytest.raises(ValueError) as refused:
+            dfc.read_record(table)
+        said = re.search(r"read_record\(source, (.*)\)$", str(refused.value))
+        assert said and said[1] == line
+    if "..." in line:
+        return  # what only the user knows
+    record = eval(f"dfc.read_record(table, {line})")
+    channels = {"t": record.t, "u": record.u, "x": record.x, "r": record.reference}
+    for mark, _, name in marked:
+        if mark:
+            # A unit in the heading is a factor.
+            assert abs(np.corrcoef(channels[mark], table[name])[0, 1]) > 1.0 - 1e-9, name
+    taken = {mark for mark, *_ in marked if mark}
+    none = {"u"} if "None" in line else set()
+    assert taken | none >= {"t", "u", "x"} and ("r" in taken) == (record.reference is not None)
+
+
+LETTERS = {
+    "t [s], F [N], x [m]": ("u", "F [N]", "by its letter"),
+    "t,F,x": ("u", "F", "by its letter"),
+    "t [s],u [N],s [mm]": ("x", "s [mm]", "by its letter"),
+    "t,p [bar],x [mm]": ("u", "p [bar]", "by its letter"),
+    "t [s],Zylinderdruck [bar],Weg [mm]": ("u", "Zylinderdruck [bar]", "in a unit of pressure"),
+    "t,u,carriage [mm]": ("x", "carriage [mm]", "in a unit of length"),
+    "Messzeit [ms],Kraft,Weg": ("t", "Messzeit [ms]", "in a unit of time"),
+}
+
+
+@pytest.mark.parametrize("line", LETTERS)
+def test_what_a_letter_or_a_unit_shows_is_taken_and_noted(line, tmp_path):
+    role, heading, why = LETTERS[line]
+    path = tmp_path / "run.csv"
+    rows = "\n".join(f"{t:.2f},{np.sin(t):.6f},{np.cos(2 * t):.6f}" for t in T)
+    path.write_text(f"{line}\n{rows}\n")
+    record = dfc.read_record(path)
+    assert any(f"{heading!r} taken as {role}" in note and why in note for note in record.notes)
+    assert len(record) == N
+
+
+def test_the_position_of_a_valve_is_in_per_cent():
+    record = dfc.read_record({"t": T, "p [bar]": np.sin(T), "stem [%]": 50.0 * np.cos(T)})
+    assert record.units["x"] == "%"
+    record = dfc.read_record({"t": T, "trq [0.1 %]": np.sin(T), "pos": np.cos(T)})
+    assert record.raw["u"] == ("0.1 %", 0.1) and record.units["u"] == "%"
+
+
+def test_of_two_that_fit_both_are_shown_with_a_line_each():
+    table = {"t [s]": T, "front [N]": np.sin(T), "rear [N]": np.cos(3.0 * T), "x [m]": np.cos(T)}
+    with pytest.raises(ValueError, match="'front', 'rear' could each be u") as refused:
+        dfc.read_record(table)
+    for name in ("front [N]", "rear [N]"):
+        assert f'columns={{"u": {name!r}}}' in str(refused.value)
+    record = dfc.read_record(table, columns={"u": "rear [N]"})
+    np.testing.assert_array_equal(record.u, np.cos(3.0 * T))
+
+
+def test_metres_beside_radians_are_no_milliradians():
+    """theta_m_rad is the angle of a motor in rad."""
+    record = dfc.read_record({"t": T, "u": np.sin(T), "theta_rad": np.cos(T)})
+    assert record.x[7] == np.cos(T[7])
+    table = {"t": T, "u": np.sin(T), "theta_m_rad": np.cos(T)}
+    record = dfc.read_record(table, columns={"x": "theta_m_rad"})
+    assert record.x[7] == np.cos(T[7]) and "x" not in record.units

@@ -146,7 +146,8 @@ def _levels(axis: FrictionAxis, reach: Reach, s: int) -> Iterator[Interval]:
     yield base
     own, box = base, _box(axis, reach, float(s))
     effects = sorted(
-        _acting(axis, "friction"), key=lambda e: (not e.within_peak, not e.depends_on_direction)
+        _acting(axis, "friction"),
+        key=lambda e: (not e.within_peak, e.by_drive, not e.depends_on_direction),
     )
     for effect in effects:
         found = effect.bounds(box._replace(level=own if effect.within_peak else base))

@@ -52,7 +52,7 @@ from numba import cfunc, njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from dryfric_control.compiled.roots import between, larger, narrowed, smaller
+from dryfric_control.compiled.roots import between, larger, narrowed, shorter, smaller
 
 #: Scalar law of an effect: f(t, x, v, u, level, direction, rest, parameters).
 LAW = types.float64(
@@ -99,13 +99,20 @@ KNOWN_FORCE, KNOWN_RATE, COULOMB = range(20, 23)
 #: follow, in the order input, force, level.  The first N_PLACE of the N_FORCE
 #: force laws depend only on position and time; the first N_PEAKED of the N_LEVEL
 #: level laws are raised by the Stribeck peak; N_CARRIED of the level laws depend on the
-#: load of the transmission; the N_READING laws of the encoder come last.
+#: load of the transmission, the last N_DRIVEN of them on the drive alone; the N_READING laws of
+#: the encoder come last.
 #: STRUCTURE is the set of inner states of the axis, 0 for none.  With two masses
 #: the numbers are stored twice, N_NUMBERS each: with the total mass, and with
 #: that of the load.  RIGID_TASK and TASK are addresses of the functions that move the
 #: axis without its inner states, and with them.
 RULE, N_PLUS, N_MINUS, N_INPUT, N_FORCE, N_PLACE, N_LEVEL, N_HISTORY = range(8)
-STRUCTURE, N_NUMBERS, RIGID_TASK, TASK, N_PEAKED, N_READING, N_CARRIED, LAWS = range(8, 16)
+STRUCTURE, N_NUMBERS, RIGID_TASK, TASK, N_PEAKED, N_READING, N_CARRIED = range(8, 15)
+#: Number of inputs at which the input laws bend, and the index of the first among the numbers.
+N_CORNERS, CORNERS, N_DRIVEN, LAWS = range(15, 19)
+
+#: Places, before the first parameter of a law, of the largest slopes of its force: over time and
+#: time at rest, place, velocity, and load.  RELATIVE is 1 where they are parts of the level.
+BY_TIME, BY_PLACE, BY_VELOCITY, BY_LOAD, RELATIVE = range(-5, 0)
 
 #: Flags of STRUCTURE, to be added; ON_LOAD: the encoder is on the load; MOTOR_RUBS: of two
 #: masses the motor has the friction, and all forces.
@@ -127,6 +134,8 @@ _EQUAL_LEVELS, _SECANTS = 1e-15, 12
 # exp(-40) is below the round-off of 1: the Stribeck term is zero beyond.
 _STRIBECK_REACH = 40.0
 _STRIBECK_EDGE = math.sqrt(_STRIBECK_REACH)
+# Velocity in Stribeck velocities beyond which the slope of the peak does not count for a step.
+_PEAK_END = 4.0
 # Largest number of switches per sample, to bound the work.  Well-posed switching reaches it only
 # if a sample contains tens of thousands of oscillations; later switches are counted as lost.
 MAX_SWITCHES = 100_000
@@ -134,6 +143,13 @@ MAX_SWITCHES = 100_000
 # are equal up to round-off; after MOST_CLOSE successive ones the mode is held for a pause, which
 # grows each time.
 CLOSE, MOST_CLOSE = 1e-6, 64
+# Shortest stretch in which a load that nears its level is looked for, as a fraction of the times
+# over which it varies: what is left between two looks is found by the parabola through three.
+_FINEST_LOOK = 1e-2
+# Largest slope of exp(-q^2).
+_STEEPEST_PEAK = math.sqrt(2.0 / math.e)
+# What effects may add to a level, as a multiple of it, for the bound of its rate.
+_RAISED = 2.0
 
 
 class TooManySwitchesError(ValueError):
@@ -362,12 +378,17 @@ def _levels(plant, t, x, v, w, base, s, rest):
     """Level that the Stribeck peak raises, before the peak, and that of other contacts."""
     carried = _carried(plant, t, x, v, w, s, rest)
     first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
-    peaked = first + plant.integers[N_PEAKED]
+    peaked, last = first + plant.integers[N_PEAKED], first + plant.integers[N_LEVEL]
+    driven = last - plant.integers[N_DRIVEN]
     own, further = base, 0.0
     for i in range(first, peaked):
         own += _law(plant, i, t, x, v, carried, own, s, rest)
-    for i in range(peaked, first + plant.integers[N_LEVEL]):
+    for i in range(peaked, driven):
         further += _law(plant, i, t, x, v, carried, base, s, rest)
+    if driven < last:
+        drive = w - load_under(plant, 0.0, t, x, v, s, rest)
+        for i in range(driven, last):
+            further += _law(plant, i, t, x, v, drive, base, s, rest)
     return max(own, 0.0), further
 
 
@@ -498,7 +519,7 @@ def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
     # Without such forces only the first source remains: a linear drive is integrated exactly,
     # and an exponential one by Simpson's rule.
     i = plant.integers
-    along = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2
+    along = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2 or plant.numbers[EXCESS] > 0.0
     turn, lean = abs(k3 - k2), abs(k2 - k1)
     bend, rise = abs((k1 - k2) - (k3 - k4)), abs(k4 - k1)
     way = abs(moved)
@@ -528,6 +549,16 @@ def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
     if way > 0.0:
         coupled = rise * min(1.0, d * d * rise / (120.0 * way))
     return d * (stiff + uneven + coupled)
+
+
+@internal(forceinline=True)
+def beside_peak(plant, placed, v, v1, s):
+    """Position-dependent acceleration by which a step is judged: none on a Stribeck peak."""
+    # The differences of the stages are those of the peak there.
+    slowest = min(s * v, s * v1) - plant.numbers[STICK_SPEED]
+    if plant.numbers[EXCESS] > 0.0 and slowest * plant.numbers[INVERSE_STRIBECK_SPEED] < _PEAK_END:
+        return 0.0
+    return placed
 
 
 @internal(forceinline=True)
@@ -595,6 +626,68 @@ def hold_excess(plant, drive, t0, tau, x, v, rest):
     w = load(plant, drive, t0, tau, x, v, 0.0, rest)
     s = 1.0 if w > 0.0 else -1.0
     return s * w - breakaway_level(plant, t0 + tau, x, w, s, rest), s
+
+
+@internal(forceinline=True)
+def drive_rate(drive):
+    """Largest rate of the drive force in the interval [N/s]."""
+    return abs(drive.slope) + abs(drive.fade) * drive.rate
+
+
+@internal(forceinline=True)
+def _slope_rate(numbers, law, speed, acceleration):
+    """Largest rate of the force of a law, but for its load; `law`: of its first parameter."""
+    by_motion = numbers[law + BY_PLACE] * speed + numbers[law + BY_VELOCITY] * acceleration
+    return numbers[law + BY_TIME] + by_motion
+
+
+@internal
+def _map_slope(plant, first, count):
+    """Largest slope of the Coulomb map over the travel, given its coefficients."""
+    reach = max(abs(plant.numbers[LOW]), abs(plant.numbers[HIGH]))
+    slope, power = 0.0, 1.0
+    for i in range(1, count):
+        slope += i * abs(plant.numbers[first + i]) * power
+        power *= reach
+    return slope
+
+
+@internal
+def hold_rate(plant, changing, x, speed, acceleration):
+    """Largest rates of load and of level [N/s], under a drive that is `changing` so fast."""
+    numbers, i = plant.numbers, plant.integers
+    level = _RAISED * max(base_level(plant, x, 1.0), base_level(plant, x, -1.0))
+    force, friction = i[N_INPUT], i[N_INPUT] + i[N_FORCE]
+    by_drive, forces = 1.0, 0.0
+    for k in range(force, friction):
+        law = i[LAWS + 2 * k + 1]
+        by_drive += numbers[law + BY_LOAD]
+        forces += _slope_rate(numbers, law, speed, acceleration)
+    by_load, levels, raised = 0.0, 0.0, 1.0 + numbers[EXCESS]
+    for k in range(friction, friction + i[N_LEVEL]):
+        law = i[LAWS + 2 * k + 1]
+        share = raised if k < friction + i[N_PEAKED] else 1.0
+        by_load += share * numbers[law + BY_LOAD]
+        unit = level if numbers[law + RELATIVE] != 0.0 else 1.0
+        levels += share * unit * _slope_rate(numbers, law, speed, acceleration)
+    if numbers[EXCESS] > 0.0:
+        steepest = _STEEPEST_PEAK * numbers[EXCESS] * numbers[INVERSE_STRIBECK_SPEED]
+        levels += level * steepest * acceleration
+    if i[N_PLUS] + i[N_MINUS] > 2:
+        plus = _map_slope(plant, COULOMB, i[N_PLUS])
+        minus = _map_slope(plant, COULOMB + i[N_PLUS], i[N_MINUS])
+        levels += raised * max(plus, minus) * speed
+    loads = by_drive * changing + forces
+    return loads, levels + by_load * loads
+
+
+@internal(forceinline=True)
+def _rest_rate(plant, drive, x, v):
+    """Largest rate of load and level together while the axis is at rest [N/s]."""
+    speed = abs(v)
+    braking = plant.numbers[STICK_RATE] * speed
+    loads, levels = hold_rate(plant, drive_rate(drive), x, speed, braking)
+    return loads + levels
 
 
 @internal
@@ -705,13 +798,11 @@ def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
     if mode == 0:
         x1, v1 = _decay(plant, x, v, h)
         if _varies(plant, drive):
-            if h > plant.numbers[SHORT_TIME]:
-                return False, x, v
-            # Check the middle too: a force may peak inside a sample.
-            xm, vm = _decay(plant, x, v, 0.5 * h)
-            middle, _ = hold_excess(plant, drive, t0, 0.5 * h, xm, vm, rest + 0.5 * h)
+            start, _ = hold_excess(plant, drive, t0, 0.0, x, v, rest)
             end, _ = hold_excess(plant, drive, t0, h, x1, v1, rest + h)
-            return middle <= 0.0 and end <= 0.0, x1, v1
+            if end > 0.0:
+                return False, x, v
+            return start + end <= -h * _rest_rate(plant, drive, x, v), x1, v1
         return True, x1, v1
     s = float(mode)
     sigma = plant.numbers[STICK_SPEED]
@@ -719,6 +810,7 @@ def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
         return False, x, v
     x1, v1, k2, k3, k4, placed = slide(plant, drive, t0, 0.0, x, v, s, k1, h)
     allowed = TOLERANCE * (abs(v) + sigma + h * abs(k1)) + plant.numbers[ALLOWED]
+    placed = beside_peak(plant, placed, v, v1, s)
     lowest = s * v1
     if s * k1 < 0.0 and s * k4 > 0.0:
         part = k1 / (k1 - k4)
@@ -741,41 +833,67 @@ def _hold_later(plant, drive, t0, tau, x, v, rest, d):
 
 
 @internal
+def _first_excess(plant, drive, t0, tau, x, v, rest, a, b, s):
+    """When the load exceeds the holding force between a, where it does not, and b; direction."""
+    for _ in range(60):
+        c = 0.5 * (a + b)
+        if not a < c < b:
+            break
+        above, side = _hold_later(plant, drive, t0, tau, x, v, rest, c)
+        if above > 0.0:
+            b, s = c, side
+        else:
+            a = c
+    return b, s
+
+
+@internal
+def _peak_between(plant, drive, t0, tau, x, v, rest, a, b, start, end):
+    """Highest excess on the parabola through both ends and the middle: when, how much, side."""
+    c = 0.5 * (a + b)
+    middle, s = _hold_later(plant, drive, t0, tau, x, v, rest, c)
+    bend = start - 2.0 * middle + end
+    if middle > 0.0 or bend >= 0.0 or abs(end - start) >= -2.0 * bend:
+        return c, middle, s
+    peak = c + 0.25 * (b - a) * (start - end) / bend
+    high, s = _hold_later(plant, drive, t0, tau, x, v, rest, peak)
+    return peak, high, s
+
+
+@internal
 def _release(plant, drive, t0, tau, x, v, rest, d):
     """Whether a stuck axis breaks away within d, when, and in which direction."""
-    # The excess of the load is evaluated twice, or more often if an effect varies faster,
-    # and at the peak of the parabola through three values.
-    looks = max(2, math.ceil(d / plant.numbers[SHORT_TIME]))
-    part = d / looks
-    a, before, last = 0.0, -math.inf, -math.inf
-    for look in range(1, looks + 1):
-        b = part * look
-        excess, s = _hold_later(plant, drive, t0, tau, x, v, rest, b)
-        bend = before - 2.0 * last + excess
-        if excess <= 0.0 and bend < 0.0 and last >= excess and last > before > -math.inf:
-            peak = b - part + 0.5 * part * (before - excess) / bend
-            high, s = _hold_later(plant, drive, t0, tau, x, v, rest, peak)
+    # The excess of load over level changes at most at `rate`: where it is so far below zero at
+    # both ends of a stretch that it cannot come back in between, nothing happens there.
+    rate = _rest_rate(plant, drive, x, v)
+    finest = min(d, plant.numbers[SHORT_TIME])
+    if drive.fade != 0.0:
+        finest = min(finest, 1.0 / drive.rate)
+    finest *= _FINEST_LOOK
+    a, length = 0.0, d
+    start, _ = _hold_later(plant, drive, t0, tau, x, v, rest, 0.0)
+    while a < d:
+        b = a + length if length < d - a else d
+        end, s = _hold_later(plant, drive, t0, tau, x, v, rest, b)
+        sure = end <= 0.0 and start + end <= -rate * (b - a)
+        if not sure and b - a > 1.01 * finest:
+            length = shorter(b - a, -start, rate, finest)
+            continue
+        if not sure and end <= 0.0:
+            peak, high, side = _peak_between(plant, drive, t0, tau, x, v, rest, a, b, start, end)
             if high > 0.0:
-                excess, a, b = high, b - 2.0 * part, peak
-        if excess > 0.0:
-            for _ in range(60):
-                c = 0.5 * (a + b)
-                if not a < c < b:
-                    break
-                above, side = _hold_later(plant, drive, t0, tau, x, v, rest, c)
-                if above > 0.0:
-                    b, s = c, side
-                else:
-                    a = c
+                b, end, s = peak, high, side
+        if end > 0.0:
+            b, s = _first_excess(plant, drive, t0, tau, x, v, rest, a, b, s)
             return True, b, s
-        a, before, last = b, last, excess
+        length, a, start = max(2.0 * (b - a), finest), b, end
     return False, d, 1.0
 
 
 @internal(forceinline=True)
 def refined(plant, way, error, allowed, d):
     """Length of the step to try instead of one of length d; d if that is accurate enough."""
-    if abs(way) == math.inf:
+    if not (abs(way) < math.inf and error < math.inf):
         return 0.1 * d  # bristles that a trial step bends back grow without bounds
     if abs(way) > plant.numbers[SHORT_WAY]:
         return 0.9 * d * plant.numbers[SHORT_WAY] / abs(way)
@@ -885,6 +1003,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
         d = min(longest, bound - tau, plant.numbers[SHORT_TIME])
         x1, v1, k2, k3, k4, placed = slide(plant, drive, t0, tau, x, v, s, k1, d)
         allowed = TOLERANCE * (abs(v) + sigma + d * abs(k1)) + plant.numbers[ALLOWED]
+        placed = beside_peak(plant, placed, v, v1, s)
         error = step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, d, allowed)
         divisible = d > SHORTEST * h
         if divisible:
@@ -1026,7 +1145,27 @@ def input_map(plant, t, memory, u):
 
 
 @internal
-def _advance_piece(plant, t, start, end, h, memory, events, count):
+def _next_corner(plant, u0, u1, part):
+    """First fraction beyond `part` of a way from u0 to u1 at which the input laws bend, or 1."""
+    following = 1.0
+    for k in range(plant.integers[N_CORNERS]):
+        here = (plant.numbers[plant.integers[CORNERS] + k] - u0) / (u1 - u0)
+        # What is left of the way is not divided for round-off.
+        if part + SHORTEST < here < following - SHORTEST:
+            following = here
+    return following
+
+
+@internal
+def is_straight(plant, u0, u1):
+    """Whether the input laws are linear between two inputs."""
+    if plant.integers[N_CORNERS] == 0 or u0 == u1:
+        return True
+    return _next_corner(plant, u0, u1, 0.0) == 1.0
+
+
+@internal
+def _advance_straight(plant, t, start, end, h, memory, events, count):
     """Move the axis over h, in which the drive before its lag runs from start to end."""
     slope, lag = (end - start) / h, plant.numbers[LAG]
     if lag <= 0.0:
@@ -1035,6 +1174,31 @@ def _advance_piece(plant, t, start, end, h, memory, events, count):
     drive = Drive(level, slope, memory[LAGGED] - level, 1.0 / lag)
     seen = advance(plant, drive, t, h, memory, events, count)
     memory[LAGGED] = drive_force(drive, h)
+    return seen
+
+
+@internal
+def _advance_piece(plant, t, u0, u1, h, memory, events, count):
+    """Move the axis over h, in which the input runs from u0 to u1."""
+    start = input_map(plant, t, memory, u0)
+    end = start if u1 == u0 else input_map(plant, t, memory, u1)
+    if is_straight(plant, u0, u1):
+        return _advance_straight(plant, t, start, end, h, memory, events, count)
+    # The drive is linear between the inputs at which it bends.
+    seen, part = (0.0, 0.0, 0), 0.0
+    for k in range(plant.integers[N_CORNERS] + 1):
+        following = _next_corner(plant, u0, u1, part)
+        after = end
+        if following < 1.0:
+            after = input_map(plant, t, memory, u0 + following * (u1 - u0))
+        first = _advance_straight(
+            plant, t + part * h, start, after, (following - part) * h, memory, events, count
+        )
+        if k == 0:
+            seen = first
+        start, part = after, following
+        if part == 1.0:
+            break
     return seen
 
 
@@ -1051,11 +1215,9 @@ def _whole_samples(delay, dt):
 @internal
 def sample(plant, t, dt, u0, u1, memory, events, count):
     """One sample: the input runs from u0 to u1; velocity, friction force and mode at t."""
-    # The delay line in `memory` holds pairs of start and end value, newest first.
-    a = input_map(plant, t, memory, u0)
-    b = a if u1 == u0 else input_map(plant, t, memory, u1)
+    # The delay line in `memory` holds pairs of first and last input, newest first.
     if plant.numbers[DELAY] <= 0.0:
-        return _advance_piece(plant, t, a, b, dt, memory, events, count)
+        return _advance_piece(plant, t, u0, u1, dt, memory, events, count)
 
     # The delay is n whole samples and a fraction: the delayed input changes inside the
     # sample, which is therefore integrated in two pieces.
@@ -1065,7 +1227,7 @@ def sample(plant, t, dt, u0, u1, memory, events, count):
     for k in range(last, 0, -1):
         memory[HISTORY + 2 * k] = memory[HISTORY + 2 * k - 2]
         memory[HISTORY + 2 * k + 1] = memory[HISTORY + 2 * k - 1]
-    memory[HISTORY], memory[HISTORY + 1] = a, b
+    memory[HISTORY], memory[HISTORY + 1] = u0, u1
     if part > 0.0:
         old = HISTORY + 2 * (n + 1)
         start = memory[old] + (memory[old + 1] - memory[old]) * (1.0 - part)
@@ -1081,16 +1243,16 @@ def sample(plant, t, dt, u0, u1, memory, events, count):
 @internal
 def drive_now(plant, t, dt, memory, u):
     """Drive force that acts at the sample instant when the input is u."""
-    a = input_map(plant, t, memory, u)
     if plant.numbers[LAG] > 0.0:
         return memory[LAGGED]
-    if plant.numbers[DELAY] <= 0.0:
-        return a
-    n, part = _whole_samples(plant.numbers[DELAY], dt)
-    if part == 0.0:
-        return a if n == 0 else memory[HISTORY + 2 * (n - 1)]
-    old = HISTORY + 2 * n
-    return memory[old] + (memory[old + 1] - memory[old]) * (1.0 - part)
+    if plant.numbers[DELAY] > 0.0:
+        n, part = _whole_samples(plant.numbers[DELAY], dt)
+        if part > 0.0:
+            old = HISTORY + 2 * n
+            u = memory[old] + (memory[old + 1] - memory[old]) * (1.0 - part)
+        elif n > 0:
+            u = memory[HISTORY + 2 * (n - 1)]
+    return input_map(plant, t, memory, u)
 
 
 @internal

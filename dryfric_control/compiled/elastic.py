@@ -13,7 +13,7 @@ from typing import NamedTuple
 from numba import cfunc, njit
 
 from dryfric_control.compiled import axis_step as step
-from dryfric_control.compiled.roots import between, larger, narrowed
+from dryfric_control.compiled.roots import between, larger, narrowed, shorter
 
 # Error of the cut at a switch, as a fraction of the error allowed for a step; the same where
 # two masses meet, to which a filter is more sensitive.
@@ -26,14 +26,23 @@ _BACK = 2
 _BENDS, _BENT = 3, 0.99
 # Half the span of a difference in time, as a fraction of the step.
 _SPAN = 1e-3
-# Distance from sliding, as a fraction of the largest deflection, that one step may bridge and
-# come back.
-_NEAR = 0.1
-# Steps of one interval after which the rest of it is not divided any more: what takes more, as
-# fits try it far from any machine, would never end.
+# Shortest stretch of a step that is looked at for what begins and ends in it, as a fraction of the
+# step; of a flight inside a play, as a fraction of the piece.
+_FINEST_LOOK = 1.0 / 32.0
+# Longest piece of a flight inside a play, in times in which its largest acceleration crosses it.
+_LONGEST_FLIGHT = 4.0
+# What friction may grow to in a flight, as a multiple of the breakaway friction force at its start.
+_GROWN = 1.5
+# Steps of one interval after which the rest of it is divided by phase alone, not by its error: what
+# takes more, as fits try it far from any machine, would never end.
 _TRIED = 20_000
-# Error of a step of bristles, in parts of the change of their level times that of a full bend.
-_BEND = 0.02
+# Phase of such a step [rad]: what a step of the method carries without growing.
+_CARRIED = 1.0
+# And its shortest length, as a fraction of the interval.
+_SHORTEST_CARRIED = 1e-5
+# Error of a step of bristles, as a fraction of that of a level which is off by as much as it
+# deviates in the middle of the step from one that changes linearly.
+_BEND = 0.1
 # Force of an impact, as a multiple of all others.
 _HARD = 1e3
 
@@ -187,6 +196,20 @@ def _wave_error(k1, k2, k3, k4, phi, d):
 
 
 @step.internal(forceinline=True)
+def _turn(side, mode):
+    """Rate at which contact and spring swing or decay in a phase [1/s]."""
+    numbers, turn = side.numbers, 0.0
+    if mode == 0 or _bristles(side):
+        turn = numbers[step.STICK_RATE]
+        if side.integers[step.STRUCTURE] & step.CONTACT:
+            turn += math.sqrt(numbers[step.CONTACT_STIFFNESS] * numbers[step.INVERSE_MASS])
+    if side.integers[step.STRUCTURE] & step.SPRING:
+        inverse = numbers[step.INVERSE_MOTOR] + numbers[step.INVERSE_MASS]
+        turn += math.sqrt(numbers[step.STIFFNESS] * inverse) + numbers[step.DAMPING] * inverse
+    return turn
+
+
+@step.internal(forceinline=True)
 def _fades(side):
     """Whether the level can fall while an elastic contact is strained."""
     i = side.integers
@@ -213,17 +236,9 @@ def _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d):
         y + d * (p + d * (k1 + k2 + k3) / 6.0),
         p + d * (k1 + 2.0 * (k2 + k3) + k4) / 6.0,
     )
-    numbers = side.numbers
-    turn = 0.0
-    bristles = _bristles(side)
-    if mode == 0 or bristles:
-        turn = numbers[step.STICK_RATE]
-        if side.integers[step.STRUCTURE] & step.CONTACT:
-            turn += math.sqrt(numbers[step.CONTACT_STIFFNESS] * numbers[step.INVERSE_MASS])
+    numbers, turn, bristles = side.numbers, _turn(side, mode), _bristles(side)
     error = 0.0
     if side.integers[step.STRUCTURE] & step.SPRING:
-        inverse = numbers[step.INVERSE_MOTOR] + numbers[step.INVERSE_MASS]
-        turn += math.sqrt(numbers[step.STIFFNESS] * inverse) + numbers[step.DAMPING] * inverse
         error = _wave_error(m1, m2, m3, m4, d * turn, d)
     error = max(error, _wave_error(k1, k2, k3, k4, d * turn, d))
     # Position-dependent forces: the elastic force represents their size; their passage
@@ -234,23 +249,15 @@ def _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d):
     error = max(error, step.step_error(side, drive, k1, k2, k3, k4, pull, math.inf, d, 0.0))
     if bristles and _fades(side):
         # The level with which they slide is taken to change linearly along the way.
-        _, most = _deflection(side, drive, t0, tau + d, after, strain, mode, rest)
-        way = abs(after.y - y)
-        part = way / (way + most)
-        bend = numbers[step.CONTACT_STIFFNESS] * abs(most - strain.most) * part * part
-        error = max(error, _BEND * numbers[step.INVERSE_MASS] * bend * d)
+        z, most = _deflection(side, drive, t0, tau + d, after, strain, mode, rest)
+        between = _most(side, drive, t0, t, middle, _direction(mode), rest)
+        bend = abs(between - 0.5 * (most + strain.most))
+        if most > 0.0:
+            # Bristles that slide forget what their level was before.
+            bend *= min(abs(z), most) / (most + abs(after.y - y))
+        bend *= numbers[step.CONTACT_STIFFNESS] * numbers[step.INVERSE_MASS]
+        error = max(error, _BEND * bend * d)
     return after, m4, k4, error
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _touch(gap, rate, end, last, d):
-    """When a gap that closes at `rate` at first, and at `last` at the end of d, may vanish."""
-    # Where the tangents of both ends meet, a bound for a smooth course and for a kink; d if
-    # they meet before the gap vanishes.
-    if end <= 0.0 or not rate > 0.0 > last:
-        return d
-    meet = min(max((gap - end - last * d) / (rate - last), 0.1 * d), 0.9 * d)
-    return meet if gap < meet * rate else d
 
 
 @step.internal(forceinline=True)
@@ -363,13 +370,14 @@ def _bending(side, drive, t0, tau, at, z, mode, rest):
 
 
 @step.internal
-def _slides_back(side, drive, t0, at, z, m1, k1, rest, h):
+def _slides_back(side, drive, t0, at, z, rest, h):
     """Whether a contact of deflection z slides although it springs back: its limit falls faster."""
     s = math.copysign(1.0, z)
     if s * z < _most(side, drive, t0, 0.0, at, s, rest) * (1.0 - 1e-12):
         return False
     d = min(h, side.numbers[step.SHORT_TIME])
-    return _tightens(side, drive, t0, 0.0, at, m1, k1, s, rest, d) > 0.0
+    m, k = _rates(side, drive, t0, 0.0, at, Strain(at.y, z, 0.0), int(s) * _BACK, rest)
+    return _tightens(side, drive, t0, 0.0, at, m, k, s, rest, d) > 0.0
 
 
 @step.internal(forceinline=True)
@@ -386,15 +394,55 @@ def _shortened(side, at, after, mode, fades, k1, k4, d, error, allowed):
 
 
 @step.internal
-def _touches(side, drive, t0, tau, at, after, strain, m1, k1, m4, k4, rest, gap, left, d):
-    """When an elastic contact may reach its limit and leave it in a step; d if it does not."""
-    # `gap` and `left` are its distances from the limit at both ends of the step.
-    s = math.copysign(1.0, _stretched(strain, after.y))
-    rate = _tightens(side, drive, t0, tau, at, m1, k1, s, rest, d)
-    if rate <= 0.0 or gap >= rate * d:
-        return d
-    end = _tightens(side, drive, t0, tau + d, after, m4, k4, s, rest + d, d)
-    return _touch(gap, rate, left, end, d)
+def _margin_rate(side, drive, at, end, m1, k1, m4, k4, d):
+    """Largest rate of the distance from the end of mode 0 inside a step, see `_margin`."""
+    most = max(abs(k1), abs(k4)) + abs(k4 - k1)
+    speed = max(abs(at.p), abs(end.p)) + 0.5 * most * d
+    kind, changing = side.integers[step.STRUCTURE], 0.0
+    if kind & step.SPRING:
+        motor = max(abs(m1), abs(m4)) + abs(m4 - m1)
+        slip = max(abs(at.v - at.p), abs(end.v - end.p)) + 0.5 * (motor + most) * d
+        changing = side.numbers[step.STIFFNESS] * slip + side.numbers[step.DAMPING] * (motor + most)
+    if not kind & step.SPRING or kind & step.MOTOR_RUBS:
+        changing += step.drive_rate(drive)
+    loads, levels = step.hold_rate(side, changing, at.y, speed, most)
+    if kind & step.CONTACT:
+        return speed + levels / side.numbers[step.CONTACT_STIFFNESS]
+    return loads + levels
+
+
+@step.internal
+def _margin_within(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, c, d):
+    """Distance from the end of a phase after a part c of a step of length d."""
+    then, _, _, _ = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, c)
+    now = rest + c if abs(mode) != 1 else 0.0
+    return _margin(side, drive, t0, tau + c, then, strain, mode, now, flips, d)
+
+
+@step.internal
+def _first_end(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, d, start, left, rate):
+    """First part of a step in which the phase ends, and the distance then; d if it does not."""
+    # The distance is `start` at the beginning, `left` at the end, and changes at most at `rate`.
+    finest = _FINEST_LOOK * d
+    a, length = 0.0, d
+    while a < d:
+        b, fb = d, left
+        if length < d - a:
+            b = a + length
+            fb = _margin_within(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, b, d)
+        if fb <= 0.0:
+            return b, fb
+        sure = start + fb >= rate * (b - a)
+        if not sure and b - a > 1.01 * finest:
+            length = shorter(b - a, start, rate, finest)
+            continue
+        if not sure:
+            c = 0.5 * (a + b)
+            fc = _margin_within(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, c, d)
+            if fc <= 0.0:
+                return c, fc
+        length, a, start = max(2.0 * (b - a), finest), b, fb
+    return d, left
 
 
 @step.internal
@@ -409,9 +457,7 @@ def _phase_end(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, d, l
         # The margin may jump: bisect every fourth time, or where it is not known.
         if i % 4 == 3 or fa == math.inf:
             c = 0.5 * (a + b)
-        then, _, _, _ = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, c)
-        now = rest + c if abs(mode) != 1 else 0.0
-        fc = _margin(side, drive, t0, tau + c, then, strain, mode, now, flips, d)
+        fc = _margin_within(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, c, d)
         a, fa, b, fb, last = narrowed(a, fa, b, fb, last, c, fc)
     return b
 
@@ -472,31 +518,92 @@ def _masses(memory, two, rubs):
 
 
 @step.internal
+def _first_phase(side, drive, t0, at, z, mode, rest, h):
+    """Strain of the contact and phase at the start of an interval."""
+    if _bristles(side):
+        return _bending(side, drive, t0, 0.0, at, z, mode, rest)
+    if mode == 0 and _fades(side) and z * at.p <= 0.0:
+        if _slides_back(side, drive, t0, at, z, rest, h):
+            mode = int(math.copysign(_BACK, z))
+    return Strain(at.y, z, 0.0), mode
+
+
+@step.internal(forceinline=True)
+def _next_strain(side, drive, t0, tau, at, strain, mode, rest):
+    """Strain of the contact after a step in a phase."""
+    if abs(mode) == _BACK:
+        return _back_strain(side, drive, t0, tau, at, mode, rest)
+    if _bristles(side):
+        z, most = _deflection(side, drive, t0, tau, at, strain, mode, rest)
+        return Strain(at.y, z, most)
+    return strain
+
+
+@step.internal(forceinline=True)
+def _velocity_scale(side, at, m1, k1, d):
+    """Velocity that the error of a step is relative to."""
+    scale = abs(at.p) + side.numbers[step.STICK_SPEED] + d * abs(k1)
+    if side.integers[step.STRUCTURE] & step.SPRING:
+        scale += abs(at.v) + d * abs(m1)
+    return scale
+
+
+@step.internal
+def _carried(side, at, strain, mode, k1):
+    """Longest step that an elastic part carries without growing [s]."""
+    turn = _turn(side, mode)
+    d = _CARRIED / turn if turn > 0.0 else math.inf
+    if _bristles(side) and abs(at.p) <= 2.0 * d * abs(k1):
+        # Bristles that a trial step bends back grow exponentially along the way.
+        d = min(d, math.sqrt(strain.most / abs(k1)))
+    return d
+
+
+@step.internal
+def _store(side, drive, t0, h, at, strain, mode, rest, memory):
+    """Put the state at the end of an interval into memory."""
+    kind, p = side.integers[step.STRUCTURE], at.p
+    if kind & step.CONTACT:
+        z = _stretched(strain, at.y)
+        if _bristles(side):
+            z = strain.z
+        elif abs(mode) == 1:
+            force = _transmitted(side, drive, h, at)
+            z = step.sliding_friction(side, force, t0 + h, at.y, p, float(mode))
+            z /= side.numbers[step.CONTACT_STIFFNESS]
+        memory[step.DEFLECTION] = z
+    elif mode == 0 and abs(p) < 1e-9 * side.numbers[step.STICK_SPEED]:
+        p = 0.0
+    memory[step.X], memory[step.V] = at.y, p
+    if kind & step.MOTOR_RUBS:
+        memory[step.OFFSET], memory[step.SLIP] = at.x - at.y, at.v - p
+    elif kind & step.SPRING:
+        memory[step.X], memory[step.V] = at.x, at.v
+        memory[step.OFFSET], memory[step.SLIP] = at.y - at.x, p - at.v
+    memory[step.MODE], memory[step.REST] = _open(mode), rest
+
+
+@step.internal
 def _advance_inner(side, drive, t0, h, memory, events, count):
     """Move one mass on an elastic contact, or two on a spring; `side`: with the one that rubs."""
-    two = side.integers[step.STRUCTURE] & step.SPRING != 0
-    rubs = side.integers[step.STRUCTURE] & step.MOTOR_RUBS != 0
-    contact = side.integers[step.STRUCTURE] & step.CONTACT != 0
-    stiffness, sigma = side.numbers[step.CONTACT_STIFFNESS], side.numbers[step.STICK_SPEED]
-    mode, rest, at = int(memory[step.MODE]), memory[step.REST], _masses(memory, two, rubs)
+    kind = side.integers[step.STRUCTURE]
+    two, rubs = kind & step.SPRING != 0, kind & step.MOTOR_RUBS != 0
+    before, rest, at = int(memory[step.MODE]), memory[step.REST], _masses(memory, two, rubs)
     first, p, z, friction, m1, k1 = _begin_inner(
-        side, drive, t0, at, memory[step.DEFLECTION], mode, rest
+        side, drive, t0, at, memory[step.DEFLECTION], before, rest
     )
     at = Masses(at.x, at.v, at.y, p)
-    if first != mode:
-        step.record(events, count, t0, mode, first)
-        mode, rest = first, 0.0
+    if first != before:
+        step.record(events, count, t0, before, first)
+        rest = 0.0
     seen = at.v if two and not rubs else p
-    strain, bristles = Strain(at.y, z, 0.0), _bristles(side)
-    if bristles:
-        strain, mode = _bending(side, drive, t0, 0.0, at, z, mode, rest)
+    strain, mode = _first_phase(side, drive, t0, at, z, first, rest, h)
     fades = _fades(side)
-    if fades and mode == 0 and z * p <= 0.0:
-        if _slides_back(side, drive, t0, at, z, m1, k1, rest, h):
-            mode = int(math.copysign(_BACK, z))
-    # Distance of the contact from its limit.
+    if mode != first:
+        m1, k1 = _rates(side, drive, t0, 0.0, at, strain, mode, rest)
+    # Distance from the end of mode 0.
     gap = 0.0
-    if contact and mode == 0:
+    if mode == 0:
         gap = _margin(side, drive, t0, 0.0, at, strain, mode, rest, 0, h)
     tau, longest, switches, flips, tries, fresh = 0.0, h, 0, 0, 0, False
     close, pause, resume, last = 0, step.CLOSE * h, 0.0, -h
@@ -504,53 +611,43 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         if fresh:
             m1, k1 = _rates(side, drive, t0, tau, at, strain, mode, rest)
             fresh = False
-        tries += 1
-        if tries >= _TRIED:
-            longest = h
         # The mode is held until `resume`, see `crowded`.
         bound = h if tau >= resume else min(resume, h)
         d = min(longest, bound - tau, side.numbers[step.SHORT_TIME])
+        tries += 1
+        if tries >= _TRIED:
+            longest = h
+            d = min(bound - tau, max(_carried(side, at, strain, mode, k1), _SHORTEST_CARRIED * h))
         end, m4, k4, error = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d)
-        pace = abs(at.p) + sigma + d * abs(k1)
-        pace = pace + (abs(at.v) + d * abs(m1)) if two else pace
-        allowed = step.TOLERANCE * pace + side.numbers[step.ALLOWED]
-        divisible = d > step.SHORTEST * h and tries < _TRIED
-        if divisible:
+        scale = _velocity_scale(side, at, m1, k1, d)
+        allowed = step.TOLERANCE * scale + side.numbers[step.ALLOWED]
+        if d > step.SHORTEST * h and tries < _TRIED:
             cut = _shortened(side, at, end, mode, fades, k1, k4, d, error, allowed)
             if cut < d:
                 longest = cut
                 continue
-        after_rest = rest + d if abs(mode) != 1 else 0.0
-        left = math.inf
+        end_rest = rest + d if abs(mode) != 1 else 0.0
+        part, left = d, math.inf
         if bound == h and switches < count[step.MOST]:
-            left = _margin(side, drive, t0, tau + d, end, strain, mode, after_rest, flips, d)
-        if contact and mode == 0 and left < math.inf:
-            near = min(gap, left) < _NEAR * abs(_stretched(strain, end.y))
-            if divisible and left > 0.0 and near:
-                cut = _touches(
-                    side, drive, t0, tau, at, end, strain, m1, k1, m4, k4, rest, gap, left, d
+            left = _margin(side, drive, t0, tau + d, end, strain, mode, end_rest, flips, d)
+            if mode == 0:
+                rate = _margin_rate(side, drive, at, end, m1, k1, m4, k4, d)
+                part, left = _first_end(
+                    side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, d, gap, left, rate
                 )
-                if cut < d:
-                    longest = cut
-                    continue
-            gap = left
         if left > 0.0:
-            at, rest, fresh = end, after_rest, True
+            at, rest, gap, fresh = end, end_rest, left, True
             tau += d
-            if abs(mode) == _BACK:
-                strain = _back_strain(side, drive, t0, tau, at, mode, rest)
-            if bristles:
-                z, most = _deflection(side, drive, t0, tau, at, strain, mode, rest)
-                strain = Strain(at.y, z, most)
+            strain = _next_strain(side, drive, t0, tau, at, strain, mode, rest)
             if tau + step.SHORTEST * h >= h:
                 tau = h
             if longest < h:
                 longest = larger(d, allowed, error)
             continue
 
-        exact = (1e-14 + _CUT * side.numbers[step.ALLOWED] / pace) * d
+        exact = (1e-14 + _CUT * side.numbers[step.ALLOWED] / scale) * part
         cut = _phase_end(
-            side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, d, left, exact
+            side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, part, left, exact
         )
         at, _, _, _ = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, cut)
         tau += cut
@@ -560,7 +657,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         if abs(mode) != 1:
             rest += cut
         after, p, strain = _phase_after(
-            side, drive, t0, tau, at, strain, mode, rest, flips, cut > 2e-14 * d
+            side, drive, t0, tau, at, strain, mode, rest, flips, cut > 2e-14 * part
         )
         at = Masses(at.x, at.v, at.y, p)
         if mode != 0 and after == -mode:
@@ -570,28 +667,14 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
             if abs(mode) == 1 or abs(after) == 1:
                 step.record(events, count, t0 + tau, _open(mode), _open(after), switches)
                 rest = 0.0
-            mode, gap = after, 0.0
+            mode = after
             close, pause, resume = step.crowded(tau, last, h, close, pause)
             last = tau
+        gap = 0.0
+        if mode == 0:
+            gap = max(_margin(side, drive, t0, tau, at, strain, mode, rest, flips, h), 0.0)
 
-    p = at.p
-    if contact:
-        z = _stretched(strain, at.y)
-        if bristles:
-            z = strain.z
-        elif abs(mode) == 1:
-            force = _transmitted(side, drive, h, at)
-            z = step.sliding_friction(side, force, t0 + h, at.y, p, float(mode)) / stiffness
-        memory[step.DEFLECTION] = z
-    elif mode == 0 and abs(p) < 1e-9 * sigma:
-        p = 0.0
-    memory[step.X], memory[step.V] = at.y, p
-    if rubs:
-        memory[step.OFFSET], memory[step.SLIP] = at.x - at.y, at.v - p
-    elif two:
-        memory[step.X], memory[step.V] = at.x, at.v
-        memory[step.OFFSET], memory[step.SLIP] = at.y - at.x, p - at.v
-    memory[step.MODE], memory[step.REST] = _open(mode), rest
+    _store(side, drive, t0, h, at, strain, mode, rest, memory)
     return seen, friction, first
 
 
@@ -741,23 +824,95 @@ def _stop(d, memory, scratch):
     return stop if stops and stop > step.CLOSE * d else d
 
 
-@step.internal(inline="always")
-def _until(plant, drive, t, d, shortest, memory, scratch, events, count):
-    """Until when motor and load, apart, are to be moved at most, and the motor's lead then."""
-    # Until the load stops, or to where they may touch and part again.
-    known = count[step.LISTED]
-    lead = _apart(plant, drive, t, d, memory, scratch, events, count)
-    until, slip = _stop(d, memory, scratch), memory[step.SLIP]
-    if until == d:
-        s, half = math.copysign(1.0, -slip), plant.numbers[step.HALF_GAP]
-        last = s * (_free(plant, drive, memory, d)[1] - scratch[step.V])
-        last = -last if _rubs(plant) else last
-        until = _touch(half + s * memory[step.OFFSET], abs(slip), half - s * lead, last, d)
-    if until < d and d > shortest:
+@step.internal
+def _pace(plant, drive, t, d, state):
+    """Largest acceleration over d of one mass that the drive moves, and rate of its force."""
+    numbers, y, p = plant.numbers, state[step.X], state[step.V]
+    felt = max(abs(drive.start), abs(drive.start + drive.slope * d)) + abs(drive.fade)
+    w = abs(step.load_under(plant, 0.0, t, y, p, math.copysign(1.0, p), state[step.REST])) + felt
+    level = max(
+        step.breakaway_level(plant, t, y, w, 1.0, state[step.REST]),
+        step.breakaway_level(plant, t, y, w, -1.0, state[step.REST]),
+    )
+    # An elastic contact is damped besides; a rigid one brakes what is left at rest.
+    slowest = abs(p) if plant.integers[step.STRUCTURE] & step.CONTACT else numbers[step.STICK_SPEED]
+    braking = numbers[step.STICK_RATE] * min(abs(p), slowest)
+    by_force = (w + _GROWN * level + numbers[step.VISCOUS] * abs(p)) * numbers[step.INVERSE_MASS]
+    speed = abs(p) + d * (by_force + braking)
+    loads, levels = step.hold_rate(plant, step.drive_rate(drive), y, speed, by_force + braking)
+    rate = loads + levels + numbers[step.VISCOUS] * (by_force + braking)
+    if plant.integers[step.STRUCTURE] & step.CONTACT:
+        rate += numbers[step.CONTACT_STIFFNESS] * speed
+    return by_force + braking + d * (loads + levels) * numbers[step.INVERSE_MASS], rate
+
+
+@step.internal(forceinline=True)
+def _passes(start, end, bend):
+    """Whether a gap, positive at both ends of a stretch, may vanish in between."""
+    # `bend`: its largest second derivative times the square of the length.  The lowest course is
+    # a parabola of that second derivative.
+    change = abs(end - start)
+    if change >= 0.5 * bend:
+        return False
+    return 0.5 * (start + end) <= 0.125 * bend + 0.5 * change * change / bend
+
+
+@step.internal
+def _first_touch(plant, drive, t, d, lead, most, known, memory, scratch, events, count):
+    """Part of a flight in which motor and load first touch: both ends, and the leads there."""
+    # `lead` is that after d, `most` the largest relative acceleration; `known`: listed switches.
+    half, finest = plant.numbers[step.HALF_GAP], _FINEST_LOOK * d
+    a, start, length, looked = 0.0, -memory[step.OFFSET], d, d
+    b, end = d, lead
+    while a < d:
+        b, end = d, lead
+        if length < d - a:
+            looked = b = a + length
+            count[step.LISTED] = known
+            end = _apart(plant, drive, t, b, memory, scratch, events, count)
+        if abs(end) >= half:
+            break
+        passes = _passes(half - abs(start), half - abs(end), most * (b - a) * (b - a))
+        if passes and b - a > 1.01 * finest:
+            length = max(0.5 * (b - a), finest)
+            continue
+        length = max(2.0 * (b - a), finest)
+        if b < d:
+            start = end
+        a = b
+    if looked != b:
         count[step.LISTED] = known
-        lead = _apart(plant, drive, t, until, memory, scratch, events, count)
-        return until, lead
-    return d, lead
+        end = _apart(plant, drive, t, b, memory, scratch, events, count)
+    return (0.0 if a == d else a), start, b, end
+
+
+@step.internal
+def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, count):
+    """First part of a motion in contact after which the contact pulls, and its force; or d."""
+    # `end` is the contact force after d; `known`: listed switches.
+    finest, state = _FINEST_LOOK * d, step.spare_memory()
+    _state_of_one(plant, memory, state)
+    start = _push(plant, drive, t, state, side)
+    rate = _pace(plant, drive, t, d, state)[1]
+    rate *= plant.numbers[step.INVERSE_MASS] / plant.numbers[step.INVERSE_MOTOR]
+    rate += step.drive_rate(drive)
+    a, length, force, b, looked = 0.0, d, end, d, d
+    while a < d:
+        b, force = d, end
+        if length < d - a:
+            looked = b = a + length
+            count[step.LISTED] = known
+            force = _joined(plant, drive, t, b, memory, side, scratch, events, count)
+        if force < 0.0:
+            break
+        if start + force < rate * (b - a) and b - a > 1.01 * finest:
+            length = shorter(b - a, start, rate, finest)
+            continue
+        length, a, start = max(2.0 * (b - a), finest), b, force
+    if looked != b:
+        count[step.LISTED] = known
+        force = _joined(plant, drive, t, b, memory, side, scratch, events, count)
+    return b, force
 
 
 @step.internal
@@ -789,13 +944,111 @@ def _vanishes(
     return b
 
 
+@step.internal
+def _move_joined(plant, drive, t, d, exact, free, memory, scratch, side, events, count):
+    """Move motor and load in contact over at most d: how long, and the side of contact then."""
+    # `free`: whether they may part; the motion ends where the load stops.
+    known, half, after = count[step.LISTED], plant.numbers[step.HALF_GAP], side
+    end = _joined(plant, drive, t, d, memory, side, scratch, events, count)
+    stop = _stop(d, memory, scratch)
+    if stop < d and free:
+        count[step.LISTED], d = known, stop
+        end = _joined(plant, drive, t, d, memory, side, scratch, events, count)
+    if free:
+        d, end = _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, count)
+    if end < 0.0 and free:
+        _state_of_one(plant, memory, scratch)
+        start, after = _push(plant, drive, t, scratch, side), 0.0
+        d = _vanishes(
+            plant, drive, t, 0.0, start, d, end, exact * d, memory, side, 0.0, known, scratch,
+            events, count,
+        )  # fmt: skip
+        _joined(plant, drive, t, d, memory, side, scratch, events, count)
+    offset = -side * half
+    memory[step.X] = scratch[step.X] - (0.0 if _rubs(plant) else offset)
+    memory[step.V] = scratch[step.V]
+    memory[step.OFFSET], memory[step.SLIP] = offset, 0.0
+    return d, after
+
+
+@step.internal
+def _middle_of_flight(plant, drive, t, d, memory, after, scratch, events, count):
+    """Time at which masses that part and meet again within d are apart, and their gap."""
+    known, c = count[step.LISTED], 0.5 * d
+    for _ in range(30):
+        count[step.LISTED] = known
+        gap = _left(plant, drive, t, c, memory, 0.0, after, scratch, events, count)
+        if gap > 0.0:
+            return c, gap
+        c *= 0.5
+    return c, 0.0
+
+
+@step.internal
+def _move_apart(plant, drive, t, d, shortest, exact, free, memory, scratch, events, count):
+    """Move motor and load apart over at most d: how long, and the side on which they meet or 0."""
+    # `free`: whether they may meet; the motion ends where the load stops.
+    known, half, rubs = count[step.LISTED], plant.numbers[step.HALF_GAP], _rubs(plant)
+    lead = _apart(plant, drive, t, d, memory, scratch, events, count)
+    stop = _stop(d, memory, scratch)
+    if stop < d and d > shortest:
+        count[step.LISTED], d = known, stop
+        lead = _apart(plant, drive, t, d, memory, scratch, events, count)
+    after = 0.0
+    if free:
+        most = _relative_acceleration(plant, drive, t, d, memory)
+        a, start, d, lead = _first_touch(
+            plant, drive, t, d, lead, most, known, memory, scratch, events, count
+        )
+        if abs(lead) > half:
+            after = 1.0 if lead > 0.0 else -1.0
+            fa, fb, b = half - after * start, half - after * lead, d
+            if fa <= 0.0:
+                a, fa = _middle_of_flight(plant, drive, t, d, memory, after, scratch, events, count)
+            if fa <= 0.0:
+                a = b = 0.0
+            lead = after * half
+            d = _vanishes(
+                plant, drive, t, a, fa, b, fb, exact * d, memory, 0.0, after, known, scratch,
+                events, count,
+            )  # fmt: skip
+            if d > 0.0:
+                _apart(plant, drive, t, d, memory, scratch, events, count)
+            else:
+                _state_of_one(plant, memory, scratch)
+    moved, speed = _free(plant, drive, memory, d)
+    if rubs:
+        memory[step.X], memory[step.V] = scratch[step.X], scratch[step.V]
+        memory[step.OFFSET], memory[step.SLIP] = -lead, speed - scratch[step.V]
+    else:
+        memory[step.X] += moved
+        memory[step.V] = speed
+        memory[step.OFFSET], memory[step.SLIP] = -lead, scratch[step.V] - speed
+    if after != 0.0:
+        _collide(plant, t + d, memory, scratch, after)
+    return d, after
+
+
+@step.internal
+def _relative_acceleration(plant, drive, t, d, memory):
+    """Largest relative acceleration of motor and load, apart."""
+    state, rubs = step.spare_memory(), _rubs(plant)
+    _state_of_one(plant, memory, state)
+    felt = drive if rubs else step.held_force(0.0)
+    most = _pace(_load_side(plant), felt, t, d, state)[0]
+    if rubs:
+        return most
+    push = max(abs(drive.start), abs(drive.start + drive.slope * d)) + abs(drive.fade)
+    return most + push * plant.numbers[step.INVERSE_MOTOR]
+
+
 @step.internal(inline="always")
 def _advance_play(plant, drive, t0, h, memory, events, count):
     """Move motor and load with a play between them, see `advance`."""
     # In contact they are one mass until the contact would have to pull.  Apart, the mass without
     # friction moves in closed form and the other one under its own forces, until they meet.
     half, scratch = plant.numbers[step.HALF_GAP], step.spare_memory()
-    tau, side, rubs = 0.0, meeting(plant, memory), _rubs(plant)
+    tau, side = 0.0, meeting(plant, memory)
     if side != 0.0:
         memory[step.OFFSET] = -side * half
         if memory[step.SLIP] != 0.0:
@@ -809,72 +1062,23 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
     for turn in range(count[step.MOST]):
         if tau >= h:
             break
-        # Contact is checked at the end of each piece, which is therefore smooth.
-        d = min(h - tau, plant.numbers[step.SHORT_TIME])
         # Bound the work and the number of listed switches.
-        last_turn = turn == count[step.MOST] - 1 or close >= step.MOST_CLOSE
-        if turn == count[step.MOST] - 1:
-            d = h - tau
+        last_turn = turn == count[step.MOST] - 1
+        free = not last_turn and close < step.MOST_CLOSE
         now, piece = t0 + tau, _later(drive, tau)
-        known = count[step.LISTED]
+        d = h - tau if last_turn else min(h - tau, plant.numbers[step.SHORT_TIME])
         if side != 0.0:
-            end = _joined(plant, piece, now, d, memory, side, scratch, events, count)
-            stop, after = _stop(d, memory, scratch), side
-            if stop < d and not last_turn:
-                count[step.LISTED], d = known, stop
-                end = _joined(plant, piece, now, d, memory, side, scratch, events, count)
-            if end < 0.0 and not last_turn:
-                _state_of_one(plant, memory, scratch)
-                start, after = _push(plant, piece, now, scratch, side), 0.0
-                d = _vanishes(
-                    plant, piece, now, 0.0, start, d, end, exact * d, memory, side, 0.0, known,
-                    scratch, events, count,
-                )  # fmt: skip
-                _joined(plant, piece, now, d, memory, side, scratch, events, count)
-            offset = -side * half
-            memory[step.X] = scratch[step.X] - (0.0 if rubs else offset)
-            memory[step.V] = scratch[step.V]
-            memory[step.OFFSET], memory[step.SLIP] = offset, 0.0
+            d, after = _move_joined(
+                plant, piece, now, d, exact, free, memory, scratch, side, events, count
+            )
         else:
-            shortest = math.inf if last_turn else step.CLOSE * h
-            d, lead = _until(plant, piece, now, d, shortest, memory, scratch, events, count)
-            after = 0.0
-            if abs(lead) > half and not last_turn:
-                after = 1.0 if lead > 0.0 else -1.0
-                a, b = 0.0, d
-                fa, fb = half + after * memory[step.OFFSET], half - after * lead
-                if fa <= 0.0:
-                    # They separate and meet in one piece: find an instant in between.
-                    c = 0.5 * d
-                    for _ in range(30):
-                        count[step.LISTED] = known
-                        fc = _left(plant, piece, now, c, memory, 0.0, after, scratch, events, count)
-                        if fc > 0.0:
-                            a, fa = c, fc
-                            break
-                        b, fb = c, fc
-                        c *= 0.5
-                if fa <= 0.0:
-                    b = 0.0
-                lead = after * half
-                d = _vanishes(
-                    plant, piece, now, a, fa, b, fb, exact * d, memory, 0.0, after, known, scratch,
-                    events, count,
-                )  # fmt: skip
-                if d > 0.0:
-                    _apart(plant, piece, now, d, memory, scratch, events, count)
-                else:
-                    _state_of_one(plant, memory, scratch)
-            moved, speed = _free(plant, piece, memory, d)
-            if rubs:
-                memory[step.X], memory[step.V] = scratch[step.X], scratch[step.V]
-                memory[step.OFFSET], memory[step.SLIP] = -lead, speed - scratch[step.V]
-            else:
-                memory[step.X] += moved
-                memory[step.V] = speed
-                memory[step.OFFSET], memory[step.SLIP] = -lead, scratch[step.V] - speed
-            if after != 0.0:
-                _collide(plant, now + d, memory, scratch, after)
+            if free:
+                most = _relative_acceleration(plant, piece, now, d, memory)
+                d = min(d, _LONGEST_FLIGHT * math.sqrt(8.0 * half / max(most, 1e-300)))
+            shortest = step.CLOSE * h if free else math.inf
+            d, after = _move_apart(
+                plant, piece, now, d, shortest, exact, free, memory, scratch, events, count
+            )
         memory[step.MODE], memory[step.REST] = scratch[step.MODE], scratch[step.REST]
         memory[step.DEFLECTION] = scratch[step.DEFLECTION]
         tau += d

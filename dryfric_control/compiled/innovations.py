@@ -375,7 +375,7 @@ def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, fi
         k1 = _rate(plant, held, t, x, v, float(mode))
         by_x, by_v = _slopes(plant, t, x, v, held, float(mode), dx, k1)
     calm, x1, v1 = False, x, v
-    if mode != 0 and plain:
+    if mode != 0 and plain and (not first or step.is_straight(plant, u0, end)):
         start = step.input_map(plant, t, m, u0)
         stop = start if not first else step.input_map(plant, t, m, end)
         drive = step.Drive(start, (stop - start) / dt, 0.0, 0.0)
@@ -551,7 +551,7 @@ def _begin(plant, m, t0, dt, rested, u0, y, v0, place, alike):
     m[step.X], m[step.V] = y[0], v0
     held = step.input_map(plant, t0, m, u0)
     for j in range(2 * plant.integers[step.N_HISTORY]):
-        m[step.HISTORY + j] = held
+        m[step.HISTORY + j] = u0
     m[step.LAGGED] = held
     if plant.integers[step.STRUCTURE] != 0:
         _settle(plant, t0, dt, m, u0, y, 0, alike)

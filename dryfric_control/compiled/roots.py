@@ -28,6 +28,14 @@ def narrowed(a, fa, b, fb, side, c, fc):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def shorter(length, margin, rate, finest):
+    """Length of a stretch to look at instead of one in which a margin may vanish."""
+    # To the first instant at which it may, given its largest rate, or to half of the stretch.
+    first = min(margin / rate, 0.9 * length) if rate > 0.0 else 0.0
+    return max(0.5 * length, first, finest)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def smaller(d, allowed, error):
     """Step length after one of length d whose error, of order 5, was too large."""
     return d * max(_SHRINK, _SAFETY * (allowed / error) ** 0.2)

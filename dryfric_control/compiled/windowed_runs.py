@@ -108,9 +108,15 @@ def _run_of(axis):
 
 
 @axis_step.internal
+def _input(u, k, end):
+    """Input of sample k at its start or end; before the record it is u[0]."""
+    return u[min(max(k + end, 0), u.shape[0] - 1)]
+
+
+@axis_step.internal
 def _held(plant, state, u, k, end):
-    """Drive of sample k after the input map; before the record it is u[0]."""
-    return axis_step.input_map(plant, 0.0, state, u[min(max(k + end, 0), u.shape[0] - 1)])
+    """Drive of sample k after the input map."""
+    return axis_step.input_map(plant, 0.0, state, _input(u, k, end))
 
 
 @axis_step.internal
@@ -168,8 +174,8 @@ def _begin(run, w, i, x0, v0, inner):
     memory[axis_step.REST] = rested if rested > 0.0 and (hidden or rest > 0.0) else rest
     for j in range(plant.integers[axis_step.N_HISTORY]):
         end = 1 if w.first else 0
-        memory[axis_step.HISTORY + 2 * j] = _held(plant, state, w.u, a - 1 - j, 0)
-        memory[axis_step.HISTORY + 2 * j + 1] = _held(plant, state, w.u, a - 1 - j, end)
+        memory[axis_step.HISTORY + 2 * j] = _input(w.u, a - 1 - j, 0)
+        memory[axis_step.HISTORY + 2 * j + 1] = _input(w.u, a - 1 - j, end)
     if plant.numbers[axis_step.LAG] > 0.0:
         memory[axis_step.LAGGED] = _lagged(plant, w, a, state)
     if plant.integers[axis_step.STRUCTURE] != 0:

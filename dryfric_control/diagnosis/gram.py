@@ -29,13 +29,21 @@ from dryfric_control.diagnosis.thresholds import (
     QUIET,
     QUIETEST,
     SAME,
+    SAME_FORCE,
     SETTLED,
 )  # fmt: skip
 from dryfric_control.estimation.likelihood import BASE, BOLD, Likelihood, Point, doubted, wondered
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.columns import Column, View, difference, secant, simulated
+from dryfric_control.model.effects.columns import (
+    Column,
+    View,
+    added,
+    difference,
+    secant,
+    simulated,
+)
 from dryfric_control.model.effects.effect import Effect
 from dryfric_control.model.effects.naming import named
 
@@ -144,6 +152,7 @@ class Gram:
         self.likelihood, self.z = self._rigid(fit.problem, z)
         self.here = here = self.view or Linearised(problem, self.likelihood, self.z)
         self.base = [n for n in problem.base if n in fit.problem.names]
+        self.base = [n for n in self.base if n not in self._out_of_bounds()]
         self._now = values_of(here.axis, self.base)
         own = here.steps([n for n in self.likelihood.names if n not in self.base])
         fixed = np.concatenate((here.base(self.base), own), axis=1) if self.base else own
@@ -222,17 +231,41 @@ class Gram:
             z = likelihood.start(noises=self.noises)
         return likelihood, z
 
+    def _out_of_bounds(self) -> list[str]:
+        """Amounts of nominal effects that the residual would take to a sign they cannot have.
+
+        They stay as they are, so that another effect, or the same with other numbers, joins.
+        """
+        amounts = [n for n in self.base if n not in BASE]
+        if not amounts:
+            return []
+        columns = self.here.base(self.base)
+        change = np.linalg.lstsq(columns, -self.here.y, rcond=1e-9)[0]
+        low = {p.name: p.low for p in self.likelihood.parameters}
+        return [
+            n for n, c in zip(self.base, change, strict=True)
+            if n in amounts and low[n] >= 0.0 and 1.0 + c < 0.0
+        ]  # fmt: skip
+
+    @property
+    def bends(self) -> bool:
+        """Whether bristles bend: friction is then no force, its shapes take passes."""
+        axis = self.here.axis
+        return not self.problem.imposed and any(e.inner(axis).bristles > 0.0 for e in axis.effects)
+
     @cached_property
     def _shapes(self) -> dict[str, list[Column]]:
         """Shapes of all effects, by name."""
         found, present = dict[str, list[Column]](), named(self.problem.believed)
-        bends = not self.problem.imposed and any(
-            e.inner(self.here.axis).bristles > 0.0 for e in self.here.axis.effects
-        )
+        bends = self.bends
         for name in self.names:
             try:
                 if name in present:
-                    found[name] = [*_changes(name, present[name], self.base, cast(View, self.here))]
+                    view = cast(View, self.here)
+                    found[name] = [
+                        *_changes(name, present[name], self.base, view),
+                        *_other_amounts(name, present[name], view),
+                    ]
                 else:
                     found[name] = [*effect_class(name).columns(cast(View, self.here))]
                 # A level is no force while bristles bend: it is where their force ends.
@@ -769,3 +802,26 @@ def _changes(name: str, effect: Effect, base: Sequence[str], view: View) -> Iter
             return now | {one: value * (1.0 + float(c[0]))}
 
         yield Column(values, (force,))
+
+
+def _other_amounts(name: str, effect: Effect, view: View) -> Iterator[Column]:
+    """Shapes of an effect that the nominal axis has which hold its force: other amounts of them.
+
+    A weight on the other side is far from a change of its phase by a part.
+    """
+    values = dict(zip(effect.parameters(), effect.values, strict=True))
+    force = added(type(effect), values, view)
+    for one in effect_class(name).columns(view):
+        if len(one.force) < 2 or one.most < math.inf:
+            continue
+        slides = view.direction != 0.0
+        now, left = _left(np.stack(one.force, axis=1)[slides], force[slides, None])
+        if left[0] > SAME_FORCE**2 * float(force @ force):
+            continue
+
+        def other(
+            c: Sequence[float], one: Column = one, now: FloatArray = now[:, 0]
+        ) -> dict[str, float]:
+            return one.values([float(a + b) for a, b in zip(now, c, strict=True)])
+
+        yield one._replace(values=other, positive=False)

@@ -125,6 +125,10 @@ class Problem:
         """
         if self.imposed or not fit.largest_force < SAME_FORCE * fit.axis.coulomb.mean:
             return math.inf
+        return self.outliers(fit)
+
+    def outliers(self, fit: Solution) -> float:
+        """Log-likelihood that innovations cost beyond the tail of as many normal ones."""
         rows = [
             out[0] ** 2 / out[1] for run, one in zip(fit.problem.runs, fit.point.out, strict=True)
             for out in (one[:, run.active & (one[1] > 0.0)],)

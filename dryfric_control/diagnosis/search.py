@@ -284,15 +284,20 @@ class Search:
         looks = Looks(self.problem, now.fit, self.odds, self._fail)
         looks.fit(_about(among, self._proposals(now, grams)))
         # Shapes with a memory take passes of the filter: they are tried where friction builds up
-        # after reversals and no explanation leaves nothing; beside or in the place of another
-        # cause, only where that is the first thing to be seen.
+        # after reversals, or single readings are far off, and no explanation leaves nothing; beside
+        # or in the place of another cause, only where the former is the first thing to be seen.
         fits = [now.fit, *(r.fit for r in looks.good), *([] if other is None else [other])]
         last = MOST if other is None and not looks.good else 1
         wanted = not among or any(effect_class(n).remembers for n in among)
         if (
             wanted
             and all(self.problem.left(fit) >= LEAST for fit in fits)
-            and self._after_reversal(now, grams) < last
+            and (
+                self._after_reversal(now, grams) < last
+                or (last > 1 and self.problem.outliers(now.fit) > STRONG)
+                or any(gram.bends for gram in grams)
+                or self.problem.imposed  # where a shape takes no pass of the filter
+            )
         ):
             for gram in grams:
                 gram.simulate()

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from dryfric_control._version import __version__
+from dryfric_control.arrays import Ints
 from dryfric_control.compiled import axis_step
 from dryfric_control.export.c_code import Code, source_text
 from dryfric_control.export.objects import Exported, Signal, exported
@@ -116,6 +117,7 @@ def settings(axis: FrictionAxis, dt: float) -> list[tuple[Signal, list[_Place]]]
     fixed = {axis_step.DELAY, axis_step.LAG}
     if sum(math.isfinite(min(e.shortest_length, e.shortest_time)) for e in axis.effects) > 1:
         fixed |= {axis_step.SHORT_WAY, axis_step.SHORT_TIME}
+    bounds = _bounds(axis.arrays(dt).integers)
     found = []
     for one, changed in _parameters(axis):
         value = one.start or 0.0
@@ -127,12 +129,25 @@ def settings(axis: FrictionAxis, dt: float) -> list[tuple[Signal, list[_Place]]]
         if other.size != base.size:
             continue
         touched = np.flatnonzero(base != other).tolist()
-        places = [_place(i, value, moved, base[i], other[i]) for i in touched]
-        known = [place for place in places if place is not None]
+        places = {i: _place(i, value, moved, base[i], other[i]) for i in touched}
+        known = [place for place in places.values() if place is not None]
+        # Bounds follow where they are in proportion, and else stay.
+        touched = [i for i, place in places.items() if place is not None or i not in bounds]
         if known and len(known) == len(touched) and fixed.isdisjoint(touched):
             least = max(one.low, _LEAST) if any(inverse for _, _, inverse in known) else one.low
             found.append((replace(one, low=least), known))
     return found
+
+
+def _bounds(integers: Ints) -> set[int]:
+    """Places of the numbers of an axis that are bounds: of slopes, and ends of straight pieces."""
+    count = integers[[axis_step.N_INPUT, axis_step.N_FORCE, axis_step.N_LEVEL]].sum()
+    firsts = integers[axis_step.LAWS + 1 :: 2][:count]
+    slopes = (firsts[:, None] + range(axis_step.BY_TIME, 0)).ravel()
+    # With two masses the numbers are stored twice.
+    slopes = np.concatenate((slopes, slopes + integers[axis_step.N_NUMBERS]))
+    corners = integers[axis_step.CORNERS] + range(integers[axis_step.N_CORNERS])
+    return {*slopes.tolist(), *corners.tolist()}
 
 
 def _place(place: int, value: float, moved: float, before: float, after: float) -> _Place | None:

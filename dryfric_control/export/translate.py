@@ -605,7 +605,7 @@ class _Body:
         if step.known is None:
             raise self.fail(node, "the step of a range must be known")
         turns = None if None in known else range(*known)
-        if turns is not None and (not turns or "_law" in _names(node.body)):
+        if turns is not None and (not turns or {"_law", "LAWS"} & _names(node.body).keys()):
             self._unrolled(node, list(turns))
             return
         if not isinstance(node.target, ast.Name):

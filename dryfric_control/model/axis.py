@@ -21,9 +21,10 @@ from dryfric_control.drawing import axes_of, control_plot, legend_above, title_a
 from dryfric_control.model.axis_arguments import with_inertia, with_mass
 from dryfric_control.model.block import Block
 from dryfric_control.model.effects import Effect
-from dryfric_control.model.effects.effect import WITH_STATE, Inner, law_address
+from dryfric_control.model.effects.drive import input_corners
+from dryfric_control.model.effects.effect import WITH_STATE, Inner, Slopes, law_address
 from dryfric_control.model.effects.naming import named
-from dryfric_control.model.friction import CoulombMap, Stribeck
+from dryfric_control.model.friction import CoulombMap, Stribeck, middle_level
 from dryfric_control.model.friction_curve import draw_friction, usual_speed
 from dryfric_control.model.responses import (
     Events,
@@ -880,6 +881,16 @@ def _polynomial(coefficients: tuple[float, ...]) -> str:
     return " ".join(terms)
 
 
+def _usual_speed(axis: FrictionAxis, inner: Inner) -> float:
+    """Velocity that an axis at rest, or on its elastic contact, does not exceed [m/s]."""
+    if inner.contact == 0.0:
+        return axis.stick_speed
+    # That with which its breakaway force takes it over the distance in which the level builds up.
+    excess = axis.stribeck.excess if axis.stribeck else 0.0
+    level = (1.0 + excess) * middle_level(axis.coulomb, axis.travel)
+    return max(axis.stick_speed, 2.0 * level / math.sqrt(inner.contact * axis.mass))
+
+
 @functools.lru_cache(maxsize=1024)
 def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
     axis = axis.effective()
@@ -890,13 +901,15 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
     forces = sorted(by_action["force"], key=lambda effect: effect.depends_on_speed)
     # A share of the level, by place or time, is a share of the level of each direction.
     levels = sorted(
-        by_action["friction"], key=lambda e: (not e.within_peak, not e.depends_on_direction)
+        by_action["friction"],
+        key=lambda e: (not e.within_peak, e.by_drive, not e.depends_on_direction),
     )
     laws = [*by_action["input"], *forces, *levels, *by_action["reading"]]
     inner = inner_of(axis)
     behind = inner.half_gap > 0.0 or inner.stiffness > 0.0
     rubbing = 1.0 - inner.load_fraction if inner.motor_rubs else inner.load_fraction
     loaded = sum(effect.depends_on_load for effect in levels)
+    corners = input_corners(by_action["input"])
     low, high = axis.travel or (-np.inf, np.inf)
     stribeck = axis.stribeck
     numbers = [
@@ -951,8 +964,17 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         sum(effect.within_peak for effect in levels),
         len(by_action["reading"]),
         loaded,
+        len(corners),
+        len(numbers),
+        sum(effect.by_drive for effect in levels),
     ]
+    numbers += corners
+    speed = _usual_speed(axis, inner)
     for effect in laws:
+        if effect.action in ("force", "friction"):
+            numbers += effect.slopes(axis, speed).within_range()
+        else:
+            numbers += Slopes()
         integers += [law_address(type(effect)), len(numbers)]
         numbers += effect.values
     if behind:

@@ -49,7 +49,7 @@ def _forces(numbers, integers, drive, t, x, v, s, side, rest):  # type: ignore[n
 
 
 class _Motion:
-    """An axis under a sampled input; times count samples, the drive is linear between kinks."""
+    """An axis under a sampled input; times count samples, the input is linear between kinks."""
 
     def __init__(self, axis: FrictionAxis, u: Floats, dt: float, first: bool) -> None:
         numbers, self.integers, _ = axis.arrays(dt)
@@ -72,10 +72,11 @@ class _Motion:
 
     def enter(self, begin: int, end: int, x: float, v: float) -> None:
         """Start the piece of input from sample `begin` to sample `end`."""
-        first, last = (
-            _drive(self.numbers, self.integers, begin * self.dt, x, v, u)
-            for u in (self.u[begin], self.ends[end - 1])
-        )
+        first, last = float(self.u[begin]), float(self.ends[end - 1])
+        #: Whether the input laws bend between the inputs, so that each instant is looked up.
+        self.bent = first != last and self.integers[axis_step.N_INPUT] > 0
+        if first == last:
+            first = last = _drive(self.numbers, self.integers, begin * self.dt, x, v, first)
         self.begin, self.first, self.slope = begin, first, (last - first) / (end - begin)
 
     def forces(
@@ -83,6 +84,8 @@ class _Motion:
     ) -> tuple[float, float, float]:
         """Load, and friction against motion to `side`: sliding, and at breakaway."""
         drive = self.first + self.slope * (k - self.begin)
+        if self.bent:
+            drive = _drive(self.numbers, self.integers, k * self.dt, x, v, drive)
         return _forces(self.numbers, self.integers, drive, k * self.dt, x, v, s, side, rest)
 
 

@@ -65,6 +65,10 @@ class Events:
         return "\n".join([f"{len(self)} switches", *rows, *["  ..."] * (len(self) > 8)])
 
 
+# Largest number that a motion may hold: beyond it, products of it are none.
+_LARGEST = 1e100
+
+
 def located(run: Callable[[int], tuple[Floats, int]]) -> Events:
     """Switches of a run, given the room for those of one sample; it says how many had none."""
     room = ROOM
@@ -86,8 +90,8 @@ def check_mode(name: str, index: Any) -> None:
 def check_finite(outputs: Floats) -> None:
     """Refuse to return a motion that has left the range of numbers."""
     # What is not finite once stays so: the last sample tells.
-    if not np.isfinite(outputs[:3, -1]).all():
-        first = int(np.argmin(np.isfinite(outputs[:3]).all(axis=0)))
+    if not (np.abs(outputs[:3, -1]) < _LARGEST).all():
+        first = int(np.argmin((np.abs(outputs[:3]) < _LARGEST).all(axis=0)))
         raise ValueError(
             f"the motion leaves the range of numbers at sample {first}: check the units of dt, of "
             "the input, and of mass, viscous and coulomb, and that a loop is stable"

@@ -6,6 +6,7 @@ error of the step, 3e-9 of the velocity, which the falling branch of a Stribeck 
 
 import numpy as np
 import pytest
+import sampling
 
 import dryfric_control as dfc
 from dryfric_control import effects as fx
@@ -55,3 +56,18 @@ def test_motion_does_not_depend_on_dt(changes):
         coarse = axis.simulate(u, DT).y[0]
         fine = axis.simulate(np.repeat(u, FINER), DT / FINER).y[0, ::FINER]
         assert np.abs(coarse - fine).max() < 1e-4 * np.ptp(fine)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [2, 3])
+def test_motion_under_random_effects_does_not_depend_on_dt(count):
+    """A sample of `benchmarks/sampling.py`, which tries all pairs and 2,000 triples."""
+    sets = list(sampling.combinations(count))
+    rng = np.random.default_rng(69)
+    beyond = {}
+    for i in rng.permutation(len(sets))[:400]:
+        axis, u, hold = sampling.case(sets[i], int(i))
+        off = sampling.difference(axis, u, hold)
+        if off > sampling.ALLOWED:
+            beyond[sets[i], hold] = off
+    assert not beyond

@@ -32,7 +32,7 @@ from dryfric_control.result_table import Cell, Quantity, formatted
 from dryfric_control.store.axis_file import axis_text, axis_to_dict
 from dryfric_control.store.files import write_file
 from dryfric_control.store.saved import Saved
-from dryfric_control.text import Result, documented, plain_data
+from dryfric_control.text import Result, documented, plain_data, wrapped
 
 
 @documented
@@ -67,7 +67,7 @@ class Diagnosis(Saved, Result, Findings):
         return summary_lines(self)
 
     def __repr__(self) -> str:
-        return "\n".join(brief_lines(self))
+        return wrapped(brief_lines(self))
 
     def details(self) -> str:
         """Everything that there is to see, in plain lines: the same as `summary`."""

@@ -21,7 +21,7 @@ from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, titles_of
-from dryfric_control.text import WIDTH, length_text, percent, rotary_words
+from dryfric_control.text import length_text, percent, rotary_words
 
 # What separates a gain of the drive from base parameters that are all wrong.
 _BY_A_FORCE = (
@@ -271,7 +271,7 @@ def brief_lines(d: Findings) -> list[str]:
     if d.messages:
         count = len(d.messages)
         lines.append(f"{count} warning{'s' if count > 1 else ''}: see print(d.details())")
-    return [_cut(rotary_words(line, d.axis.units[1])) for line in lines]
+    return [rotary_words(line, d.axis.units[1]) for line in lines]
 
 
 def far_off(d: Findings) -> list[str]:
@@ -283,11 +283,6 @@ def far_off(d: Findings) -> list[str]:
             factor = f"{after / before:.2g} times" if after > 0.0 else "zero instead of"
             found.append(f"{name} is {factor} its nominal value {before:.4g}")
     return found
-
-
-def _cut(line: str) -> str:
-    """A line that fits in one, its end replaced by dots where it does not."""
-    return line if len(line) <= WIDTH else f"{line[: WIDTH - 3]}..."
 
 
 def further_lines(d: Findings) -> list[str]:

@@ -11,6 +11,7 @@ from dryfric_control.model.effects.drive import InputGain as InputGain
 from dryfric_control.model.effects.drive import Saturation as Saturation
 from dryfric_control.model.effects.effect import Effect as Effect
 from dryfric_control.model.effects.effect import Inner as Inner
+from dryfric_control.model.effects.effect import Slopes as Slopes
 from dryfric_control.model.effects.effect import parameter as parameter
 from dryfric_control.model.effects.effect import register_effect as register_effect
 from dryfric_control.model.effects.elastic import Backlash as Backlash

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.signal import lfilter
@@ -134,6 +134,11 @@ class InputGain(Effect):
     explanation = "The drive gives another force than assumed: wrong torque constant or scaling."
     experiment = "Hang a known weight on the axis and read the command that balances it."
 
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """None: it is linear."""
+        return ()
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * u
@@ -172,6 +177,11 @@ class DeadZone(Effect):
     rank = 11
     explanation = "The drive ignores small commands: valve overlap, or dead time of a bridge."
     experiment = "Sweep the command slowly through zero while a constant load pushes the axis."
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Both ends of the dead zone."""
+        return -self.width, self.width
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -222,6 +232,11 @@ class Saturation(Effect):
     explanation = "The drive force is limited: current limit, supply voltage, pressure."
     experiment = "Increase the reference step: the acceleration stops growing."
 
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Both limits."""
+        return -self.limit, self.limit
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return min(max(u, -p[0]), p[0])
@@ -245,3 +260,35 @@ class Saturation(Effect):
             limit = part * view.top
             cut = np.clip(view.drive, -limit, limit) - view.drive
             yield simulated(limit=limit)._replace(force=(cut,), positive=True)
+
+
+def input_corners(effects: Sequence[Effect]) -> list[float]:
+    """Inputs at which a chain of input laws bends; it is linear between them [N]."""
+    corners: list[float] = []
+    for i, effect in enumerate(effects):
+        # Where the laws before it give the inputs at which this one bends.
+        before, known = effects[:i], sorted(corners)
+        ends = [known[0] - 1.0, *known, known[-1] + 1.0] if known else [0.0, 1.0]
+        values = [_mapped(before, u) for u in ends]
+        for corner in effect.corners:
+            corners += _inputs_with(ends, values, corner)
+    return sorted(corners)
+
+
+def _mapped(effects: Sequence[Effect], u: float) -> float:
+    """Drive that a chain of input laws makes of an input."""
+    for effect in effects:
+        u = effect.law(0.0, 0.0, 0.0, u, 0.0, 0.0, 0.0, effect.values)
+    return u
+
+
+def _inputs_with(ends: list[float], values: list[float], wanted: float) -> list[float]:
+    """Inputs with a value on a line of straight pieces, the outer ones without an end."""
+    found, last = [], len(ends) - 2
+    for k, (a, b, fa, fb) in enumerate(zip(ends, ends[1:], values, values[1:], strict=False)):
+        if fa == fb:
+            continue
+        part = (wanted - fa) / (fb - fa)
+        if (part >= 0.0 or k == 0) and (part < 1.0 or k == last):
+            found.append(a + part * (b - a))
+    return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dis
+import functools
 import inspect
 import itertools
 import math
@@ -11,6 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, dataclass_transform
 
+import numpy as np
 from numba import cfunc
 
 from dryfric_control.arrays import Floats
@@ -172,6 +174,53 @@ class Inner(NamedTuple):
     motor_rubs: float = 0.0
 
 
+# Largest slope that is handed to the compiled kernel: its products stay numbers.
+_MOST_SLOPE = 1e100
+# States at which a law without slopes of its own is tried, and the relative step of a difference.
+_STATES, _DIFFERENCE = 64, 1e-6
+# What the largest slope may be beyond that at these states, as a factor.
+_MARGIN = 1.5
+# Times and velocities of these states, as multiples of 1 s and of the largest velocity.
+_TIMES, _SPEEDS = (1e-4, 1e2), (1e-3, 1.0)
+# Inputs between which an unknown input law counts as linear, and their range [N].
+_KNOTS = tuple(s * 10.0 ** (k / 16.0) for s in (-1.0, 1.0) for k in range(-48, 65))
+
+
+class Slopes(NamedTuple):
+    """Largest slopes of the force of a law.
+
+    Parameters
+    ----------
+    time : float
+        Over time, and time at rest [N/s].
+    place : float
+        Over position [N/m].
+    velocity : float
+        Over velocity [N s/m].
+    load : float
+        Over the force it acts on [1].
+    relative : float
+        1 where they are parts of the Coulomb level, for a level of 1 N.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    >>> dfc.effects.Spring(stiffness=200.0).slopes(axis, speed=1.0).place
+    200.0
+    """
+
+    time: float = 0.0
+    place: float = 0.0
+    velocity: float = 0.0
+    load: float = 0.0
+    relative: float = 0.0
+
+    def within_range(self) -> tuple[float, ...]:
+        """The same as numbers whose products do not overflow."""
+        return tuple(min(slope, _MOST_SLOPE) for slope in self)
+
+
 #: What an effect depends on, by the arguments that its law reads.
 _FLAGS = {
     "depends_on_place": {"x"},
@@ -303,6 +352,55 @@ class Effect:
         return 0.0
 
     @property
+    def corners(self) -> tuple[float, ...]:
+        """Inputs at which an input law bends; between them it counts as linear [N]."""
+        if self.action != "input":
+            return ()
+        given = np.array([0.0, 1.0, *_KNOTS])
+        found = np.array([self.law(0.0, 0.0, 0.0, u, 0.0, 0.0, 0.0, self.values) for u in given])
+        straight = found[0] + (found[1] - found[0]) * given
+        scale = np.abs(straight).max()
+        return () if np.abs(found - straight).max() <= 1e-12 * scale else _KNOTS
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        """Largest slopes of its force; by default found at many states of the axis.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect, its base parameters those that act.
+        speed : float
+            Largest velocity [m/s].
+        """
+        return slopes_by_law(self, axis, speed)
+
+    def rate_bound(
+        self, axis: BaseAxis, velocity: float, acceleration: float = 0.0, load_rate: float = 0.0
+    ) -> float:
+        """Largest rate of its force [N/s] while the axis moves and rests as stated.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            The axis that has the effect, its base parameters those that act.
+        velocity, acceleration : float
+            Largest magnitudes [m/s], [m/s^2].
+        load_rate : float, optional
+            Largest rate of the force that it acts on [N/s].
+
+        Examples
+        --------
+        >>> import dryfric_control as dfc
+        >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+        >>> dfc.effects.WarmUp(rise=0.5, time_constant=2.0).rate_bound(axis, velocity=0.0)
+        2.0
+        """
+        slopes = self.slopes(axis, velocity)
+        rate = slopes.time + slopes.place * velocity + slopes.velocity * acceleration
+        rate += slopes.load * load_rate
+        return rate * (largest_level(axis) if slopes.relative else 1.0)
+
+    @property
     def periods(self) -> tuple[float, float]:
         """Time [s] and length after which the law repeats, inf where it does not."""
         # C in single precision leaves out whole periods: it stays accurate far from zero.
@@ -330,6 +428,11 @@ class Effect:
     def named_parameters(cls) -> tuple[str, ...]:
         """Free parameters that the name of the effect includes."""
         return tuple(item.name for item in fields(cls) if item.metadata["free"])
+
+    @property
+    def by_drive(self) -> bool:
+        """Whether its load is the drive alone, without the force effects that the drive holds."""
+        return False
 
     @classmethod
     def loaded(cls) -> bool:
@@ -475,6 +578,48 @@ class Effect:
         shown = {name: "" if u == "1" else f" {u}" for name, u in self.units(units).items()}
         parts = (f"{name} = {getattr(self, name):.6g}{unit}" for name, unit in shown.items())
         return f"{self.slug}: {', '.join(parts)}"
+
+
+def largest_level(axis: BaseAxis) -> float:
+    """Largest Coulomb level of an axis over its travel [N]."""
+    places = np.linspace(*(axis.travel or (0.0, 0.0)), 33)
+    return float(max(axis.coulomb(places, s).max() for s in (1, -1)))
+
+
+@functools.lru_cache(maxsize=1024)
+def slopes_by_law(effect: Effect, axis: BaseAxis, speed: float) -> Slopes:
+    """Largest slopes of a law at many states of an axis, by differences."""
+    law, read = getattr(effect.law, "py_func", effect.law), read_by(effect.law)
+    level, (low, high) = largest_level(axis), axis.travel or (-1.0, 1.0)
+    rng = np.random.default_rng(0)
+    sign = rng.choice([-1.0, 1.0], (3, _STATES))
+    soon, late = np.log(_TIMES)
+    slow, fast = np.log(_SPEEDS)
+    times = np.exp(rng.uniform(soon, late, (2, _STATES)))
+    states = np.transpose([
+        times[0], rng.uniform(low, high, _STATES),
+        sign[0] * speed * np.exp(rng.uniform(slow, fast, _STATES)),
+        sign[1] * level * rng.uniform(0.0, 3.0, _STATES), np.full(_STATES, level), sign[2],
+        times[1],
+    ])  # fmt: skip
+    short = min(effect.shortest_time, 1.0), min(effect.shortest_length, high - low)
+    steps = {"t": short[0], "x": short[1], "v": speed, "u": level, "rest": short[0]}
+    found = dict.fromkeys(steps, 0.0)
+    for name, size in steps.items():
+        step = _DIFFERENCE * size * (np.array(_ARGUMENTS[:-1]) == name)
+        for state in states if name in read and size > 0.0 else ():
+            try:
+                rise = law(*(state + step), effect.values) - law(*(state - step), effect.values)
+            except Exception:  # where it is not defined no axis can be
+                continue
+            if math.isfinite(rise):
+                found[name] = max(found[name], abs(rise) / (2.0 * _DIFFERENCE * size))
+    relative = float(effect.action == "friction" and "level" in read and level > 0.0)
+    unit = _MARGIN / level if relative else _MARGIN
+    return Slopes(
+        unit * (found["t"] + found["rest"]), unit * found["x"], unit * found["v"],
+        unit * found["u"], relative,
+    )  # fmt: skip
 
 
 #: Every known effect by slug, in the order of registration.

@@ -9,7 +9,13 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from dryfric_control.model.effects.columns import Column, View, amount, sine, sines
-from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
+from dryfric_control.model.effects.effect import (
+    BaseAxis,
+    Effect,
+    Slopes,
+    parameter,
+    register_effect,
+)
 from dryfric_control.model.effects.interval import Box, Interval
 
 # Travel in metres below which no position is taken for an angle that has lost its unit.
@@ -58,6 +64,9 @@ class BiasForce(Effect):
     )
     experiment = "Crawl both ways at the same speed: the two levels differ by twice the bias."
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes()
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0]
@@ -98,6 +107,9 @@ class ViscousAsymmetry(Effect):
     rank = 17
     explanation = "Viscous friction is larger in one direction: a lip seal or a one-sided oil film."
     experiment = "Run at several constant velocities both ways and compare the slopes of the force."
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(velocity=abs(self.viscous))
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -143,6 +155,9 @@ class QuadraticDrag(Effect):
     )
     experiment = "Run at constant velocities up to the highest: the force curve bends upwards."
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(velocity=2.0 * self.drag * speed)
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * v * abs(v)
@@ -184,6 +199,9 @@ class Spring(Effect):
         "An elastic element pulls the axis back: a return spring, a cable loop, a bellows."
     )
     experiment = "Crawl over the whole travel: the mean of the two directions slopes with position."
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(place=self.stiffness)
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -255,6 +273,9 @@ class EndStop(Effect):
         # An end has travel before it: where friction holds the axis deeper in both stops than they
         # lie apart, they are a spring.
         return self.stiffness * (self.high - self.low) >= axis.coulomb.mean
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(place=self.stiffness, velocity=self.damping)
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -341,6 +362,9 @@ class Gravity(Effect):
         """It repeats with every turn."""
         return math.inf, 2.0 * math.pi
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(place=self.amplitude)
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -p[0] * math.sin(x - p[1])
@@ -393,6 +417,9 @@ class Cogging(Effect):
     def periods(self) -> tuple[float, float]:
         """It repeats along the travel."""
         return math.inf, self.period
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(place=2.0 * math.pi * self.amplitude / self.period)
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -448,6 +475,9 @@ class TimePeriodic(Effect):
     def periods(self) -> tuple[float, float]:
         """It repeats in time."""
         return 1.0 / self.frequency if self.frequency > 1e-300 else math.inf, math.inf
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(time=2.0 * math.pi * self.frequency * self.amplitude)
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]

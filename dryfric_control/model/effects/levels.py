@@ -4,15 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from dryfric_control.model.effects.columns import PARTS, Column, View, amount, peaks, simulated
-from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
+from dryfric_control.model.effects.effect import (
+    BaseAxis,
+    Effect,
+    Slopes,
+    parameter,
+    register_effect,
+)
 from dryfric_control.model.effects.forces import BiasForce
 from dryfric_control.model.effects.interval import Box, Interval
 from dryfric_control.model.effects.naming import named
 
+# Largest slope of exp(-q^2).
+_STEEPEST_PEAK = math.sqrt(2.0 / math.e)
 # Largest fraction of the load that may be lost to friction.
 _NEARLY_ALL = 0.5
 # Half the difference of the levels of both directions over their mean, at most: three to one.
@@ -50,6 +59,9 @@ class CoulombAsymmetry(Effect):
         "Crawl in both directions at the same speed and compare the levels; tilt the axis to "
         "separate it from a bias."
     )
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes()
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -100,6 +112,11 @@ class PositionDependence(Effect):
     explanation = "Dry friction differs along the travel: wear, misalignment, a bent screw or rail."
     experiment = "Crawl over the whole travel in both directions and plot the force over position."
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        low, high = axis.travel or (self.centre - 1.0, self.centre + 1.0)
+        reach = max(abs(low - self.centre), abs(high - self.centre))
+        return Slopes(place=abs(self.slope) + 2.0 * abs(self.curvature) * reach, relative=1.0)
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         q = x - p[2]
@@ -135,7 +152,8 @@ class LoadDependence(Effect):
     -----
     .. math:: F_c \to F_c + \text{coefficient} \cdot {|u - e|}
 
-    with the drive u and the sum e of the force effects, as in the load-dependent model of
+    with the drive u and the sum e of the force effects, or with ``of_drive=1`` the drive alone,
+    whether it lifts or lowers a weight; the former as in the load-dependent model of
     Duclusaud, Passault, Padois and Ly (2025).  The Stribeck peak does not raise this part: it is
     the friction of another contact.  Behind a play or a compliance u is what the transmission
     carries: without the inertia of the motor, and nothing inside the play.
@@ -152,6 +170,10 @@ class LoadDependence(Effect):
     """
 
     coefficient: float = parameter("1", "added friction over the load", bounds=(0.0, 1.0), size=0.1)
+    of_drive: float = parameter(
+        "1", "from 0.5 on the load is the drive alone, as of a gear that a motor turns",
+        bounds=(0.0, 1.0), kind="share", default=0.0, free=False,
+    )  # fmt: skip
 
     title = "load-dependent friction"
     action = "friction"
@@ -159,6 +181,20 @@ class LoadDependence(Effect):
     rank = 10
     explanation = "The force transmitted by a gear or screw presses its teeth together: friction."
     experiment = "Repeat a motion with different loads, also braking: friction follows the load."
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(load=self.coefficient)
+
+    @property
+    def by_drive(self) -> bool:
+        """Whether its load is the drive alone."""
+        return self.of_drive >= 0.5
+
+    def meaning(self, units: tuple[str, str]) -> str:
+        return "it grows with the drive alone, as the loss of a gear" if self.by_drive else ""
+
+    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
+        return (replace(self, of_drive=1.0 - round(self.of_drive)),)
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -169,8 +205,10 @@ class LoadDependence(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        force = -view.direction * np.abs(view.carried)
-        yield amount("coefficient", force, positive=True)._replace(most=_NEARLY_ALL)
+        for load, of_drive in ((view.carried, 0.0), (view.drive, 1.0)):
+            force = -view.direction * np.abs(load)
+            one = amount("coefficient", force, positive=True, of_drive=of_drive)
+            yield one._replace(most=_NEARLY_ALL)
 
 
 def carrying(axis: BaseAxis, scale: float) -> dict[str, float]:
@@ -233,6 +271,9 @@ class LoadAsymmetry(Effect):
     )
     experiment = "Repeat a motion both ways under other loads: friction over load has two slopes."
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(load=abs(self.coefficient))
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return p[0] * abs(u) if direction > 0.0 else -p[0] * abs(u)
@@ -289,6 +330,9 @@ class StribeckAsymmetry(Effect):
         "scrapes the oil off in one direction only."
     )
     experiment = "Crawl ever more slowly in both directions and compare the levels at equal speed."
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(velocity=_STEEPEST_PEAK * abs(self.difference) / self.speed, relative=1.0)
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -356,6 +400,9 @@ class VelocityStrengthening(Effect):
     )
     experiment = "Crawl ever more slowly in both directions: the level falls towards rest."
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(velocity=self.deficit / self.speed, relative=1.0)
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return -level * p[0] * (1.0 - math.tanh(abs(v) / p[1]))
@@ -412,6 +459,9 @@ class WarmUp(Effect):
     )
     experiment = "Repeat the same crawl from cold until the force no longer changes."
 
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(time=abs(self.rise) / self.time_constant, relative=1.0)
+
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return level * p[0] * math.exp(-t / p[1])
@@ -459,6 +509,9 @@ class Drift(Effect):
     rank = 8
     explanation = "Friction rises or falls while the machine runs: warming grease, a drying seal."
     experiment = "Repeat the same crawl every few minutes from cold to warm."
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(time=abs(self.rate), relative=1.0)
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -510,6 +563,9 @@ class DwellTime(Effect):
     rank = 19
     explanation = "At rest contacts creep together, oil is squeezed out: the breakaway force grows."
     experiment = "Break away after rests of different lengths with the same slow ramp of force."
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(time=self.rise / self.time_constant)
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]

@@ -1,0 +1,117 @@
+"""Machines of other simulators, whose answers were absurd with small errors.
+
+Explicit steps with Coulomb friction, a limit of the drive, a delay, a loss of a gear, hundreds of
+them a sample: they share no code with the package.
+"""
+
+import numpy as np
+import pytest
+from diagnosis_cases import causes
+from numba import njit
+
+import dryfric_control as dfc
+
+pytestmark = pytest.mark.slow
+
+
+@njit
+def stepped(x, v, f, level, mass, h):
+    """Position and velocity after one step under a force and dry friction."""
+    if v == 0.0 and abs(f) <= level:
+        return x, v
+    s = np.sign(v) if v != 0.0 else np.sign(f)
+    w = v + h * (f - level * s) / mass
+    if w * s < 0.0:
+        w = 0.0
+    return x + h * w, w
+
+
+@njit
+def limited_servo(n, dt, steps, gain, limit, late):
+    """Readings of a joint that a late and limited P control swings around its set point."""
+    x, v = 0.45, 0.0
+    readings, sent = np.empty(n), np.zeros(n + late)
+    for i in range(n):
+        readings[i] = x
+        sent[i + late] = min(limit, max(-limit, -gain * x))
+        for _ in range(steps):
+            x, v = stepped(x, v, sent[i] - 0.002 * v, 0.012, 0.02, dt / steps)
+    return readings
+
+
+def test_a_limit_and_a_delay_are_no_weight_and_no_cogging():
+    dt, gain = 0.01, 0.7
+    x = limited_servo(2000, dt, 200, gain, 0.08, 12)
+    x = 2.0 * np.pi / 4096 * np.round(x / (2.0 * np.pi / 4096))
+    axis = dfc.FrictionAxis(mass=0.02, viscous=0.002, coulomb=0.01, units=("rad", "N m"))
+    record = dfc.Record(dt * np.arange(2000), -gain * x, x, units={"u": "N m", "x": "rad"})
+    found = dfc.diagnose(axis, record, progress=False)
+    assert found.verdict == "explained"
+    assert {*causes(found)} == {"input_delay", "saturation", "coulomb"}
+    effects = found.extended.named_effects()
+    assert effects["input_delay"].delay == pytest.approx(0.12, abs=0.001)
+    assert effects["saturation"].limit == pytest.approx(0.08, rel=0.01)
+    assert found.extended.coulomb.mean == pytest.approx(0.012, rel=0.01)
+
+
+@njit
+def geared_arm(u, dt, steps, weight, loss):
+    """Readings of an arm whose gear loses a part of the torque of its motor."""
+    x, v, readings = 0.0, 0.0, np.empty(u.size)
+    for i in range(u.size):
+        readings[i] = x
+        for _ in range(steps):
+            f = u[i] - weight * np.sin(x) - 0.4 * v
+            x, v = stepped(x, v, f, 0.6 + loss * abs(u[i]), 0.12, dt / steps)
+    return readings
+
+
+def test_the_loss_of_a_gear_under_a_known_weight():
+    dt = 2e-3
+    t = dt * np.arange(6000)
+    waves = ((9.5, 0.21, 0.0), (4.0, 0.73, 1.0), (2.0, 1.9, 2.0))
+    u = sum(a * np.sin(2.0 * np.pi * f * t + phase) for a, f, phase in waves)
+    x = 1e-4 * np.round(geared_arm(u, dt, 20, 9.0, 0.12) / 1e-4)
+    weight = dfc.effects.Gravity(amplitude=9.0)
+    axis = dfc.FrictionAxis(
+        mass=0.12, viscous=0.4, coulomb=0.6, units=("rad", "N m"), effects=(weight,)
+    )
+    record = dfc.Record(t, u, x, units={"u": "N m", "x": "rad"})
+    found = dfc.diagnose(axis, record, progress=False)
+    assert found.verdict == "explained" and causes(found) == ["load_dependence"]
+    assert found.causes[0].parameters["coefficient"] == pytest.approx(0.12, rel=0.01)
+    assert found.extended.named_effects()["load_dependence"].of_drive == 1.0
+
+
+@njit
+def volt_motor(volt, dt, steps, gain):
+    """Angles of a motor that a voltage drives, which acts half a sample late."""
+    x, v, angles = 0.0, 0.0, np.empty(volt.size)
+    for i in range(volt.size):
+        angles[i] = x
+        for j in range(steps):
+            f = gain * volt[max(i - (1 if j < steps // 2 else 0), 0)] - 7.9e-4 * v
+            x, v = stepped(x, v, f, 6e-4, 2e-6, dt / steps)
+    return angles
+
+
+def test_a_scale_that_only_a_trusted_gain_fixes_is_not_known_to_a_per_cent():
+    dt, n, increment = 0.0056, 450, 2.0 * np.pi / 8192
+    t = dt * np.arange(n)
+    volt = 0.25 * np.sin(2.0 * np.pi * (0.8 * (t - 0.2) + 3.0 * (t - 0.2) ** 2))
+    volt[t < 0.2] = 0.0
+    noise = 0.3 * np.random.default_rng(0).standard_normal(n)
+    x = increment * np.round(volt_motor(volt, dt, 560, 0.09) / increment + noise)
+    effects = (dfc.effects.InputGain(gain=0.09),)
+    axis = dfc.FrictionAxis(
+        mass=3e-5, viscous=8e-4, coulomb=1e-3, units=("rad", "N m"), effects=effects
+    )
+    record = dfc.Record(t, volt, x, units={"u": "V", "x": "rad"})
+    found = dfc.diagnose(axis, record, progress=False)
+    # The rotor is 15 times lighter than its nominal value, beside a gain that is taken as right.
+    assert found.extended.mass == pytest.approx(2e-6, rel=0.05)
+    inertia = next(c for c in found.causes if c.effect == "inertia")
+    assert inertia.standard_errors["mass"] > 0.3 * inertia.parameters["mass"]
+    assert not {"input_gain", "viscous", "coulomb"} & {c.effect for c in found.causes}
+    assert any("ratios" in message for message in found.messages)
+    assert "inertia is 0.06" in repr(found) or "mass is 0.06" in repr(found)

@@ -405,7 +405,7 @@ def _joints(chosen: Namespace) -> int:
     return 1 if found.failed else 0
 
 
-def _arm(chosen: Namespace) -> None:
+def _arm(chosen: Namespace) -> int:
     model = Path(chosen.model)
     kind = _SIMULATORS.get(model.suffix.lower())
     if kind not in ("mjcf", "urdf"):
@@ -434,6 +434,7 @@ def _arm(chosen: Namespace) -> None:
     for name, one in found.items():
         write_report(one, folder / name, scaling.to_dict() | sampling)
     print(f"arm.html, arm.json and a report for each joint are in {folder}")
+    return 1 if found.failed else 0
 
 
 def _export(chosen: Namespace) -> None:

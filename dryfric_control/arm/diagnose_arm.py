@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,14 +14,12 @@ from dryfric_control.checks import one_of, positive
 from dryfric_control.diagnosis.joints import JointDiagnoses, diagnose_joints
 from dryfric_control.estimation.parameters import checked_knowledge
 from dryfric_control.estimation.windows import cut
-from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import file_path
 from dryfric_control.text import documented, stated
 
 #: Name among `known` for a model whose masses are right.
 MODEL = "model"
-Case = tuple[FrictionAxis, Record]
 
 
 @documented
@@ -30,10 +27,13 @@ Case = tuple[FrictionAxis, Record]
 class ArmDiagnoses(JointDiagnoses):
     """Diagnoses of the joints of an arm, and errors of its model; made by `diagnose_arm`."""
 
-    model_errors: tuple[ModelError, ...] = stated("What is wrong with masses of the model.")
-    failed: dict[str, str] = stated("Joints that could not be diagnosed, and why.")
-    nominal: ArmRecords = stated("Records with the coupling of the nominal model.")
-    corrected: ArmRecords = stated("Records with the coupling of the corrected model.")
+    model_errors: tuple[ModelError, ...] = stated(
+        "What is wrong with masses of the model.", kw_only=True
+    )
+    nominal: ArmRecords = stated("Records with the coupling of the nominal model.", kw_only=True)
+    corrected: ArmRecords = stated(
+        "Records with the coupling of the corrected model.", kw_only=True
+    )
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         named = [error for error in self.model_errors if error.named]
@@ -43,15 +43,13 @@ class ArmDiagnoses(JointDiagnoses):
         unsure = [error.link for error in self.model_errors if not error.named]
         if unsure:
             yield f"model: the motion does not separate the masses of {', '.join(unsure)}"
-        if self.diagnoses:
-            yield from super()._shown()
-        yield from (f"{joint}: not diagnosed: {why}" for joint, why in self.failed.items())
+        yield from super()._shown()
 
     def to_dict(self) -> dict[str, Any]:
         """`Diagnosis.to_dict` of each joint under "joints", beside the errors of the model."""
         return {
             "model": [error.to_dict() for error in self.model_errors],
-            "joints": super().to_dict(), "failed": dict(self.failed),
+            "joints": super().to_dict(),
         }  # fmt: skip
 
     def to_html(self, path: str | os.PathLike[str]) -> Path:
@@ -139,17 +137,20 @@ def diagnose_arm(
             _check_window(joint, record, window, hold)
     errors = () if MODEL in names else nominal.model_errors()
     corrected = nominal.without(errors) if errors else nominal
-    settings = {
-        "known": tuple(name for name in names if name != MODEL), "tolerance": tolerance,
-        "jobs": jobs, "time_limit": time_limit, "window": window, "hold": hold,
-        "progress": progress,
-    }  # fmt: skip
-    if store is not None:
-        found, failed = _each(corrected, store, settings)
-    else:  # what is finished is not done again after a joint that fails
-        with tempfile.TemporaryDirectory() as folder:
-            found, failed = _each(corrected, Path(folder, "joints.jsonl"), settings)
-    return ArmDiagnoses(found, errors, failed, nominal, corrected)
+    found = diagnose_joints(
+        corrected,
+        known=tuple(name for name in names if name != MODEL),
+        tolerance=tolerance,
+        window=window,
+        hold=hold,
+        time_limit=time_limit,
+        store=store,
+        jobs=jobs,
+        progress=progress,
+    )
+    return ArmDiagnoses(
+        found.diagnoses, found.failed, model_errors=errors, nominal=nominal, corrected=corrected
+    )
 
 
 def _check_window(joint: str, record: Record, window: float, hold: str) -> None:
@@ -175,21 +176,3 @@ def _checked(
     one_of("hold", hold, ("zero", "first"))
     limit = None if time_limit is None else positive("time_limit", time_limit, unit="s")
     return names, tolerance, limit
-
-
-def _each(
-    cases: Mapping[str, Case], store: Any, options: Mapping[str, Any]
-) -> tuple[dict[str, Any], dict[str, str]]:
-    """Diagnoses of the joints, and why others could not be."""
-    left, failed = dict(cases), dict[str, str]()
-    while left:
-        try:
-            return dict(diagnose_joints(left, store=store, **options)), failed
-        except ValueError as problem:
-            notes = " ".join(getattr(problem, "__notes__", ()))
-            joint = next((one for one in left if f'"{one}"' in notes or f"'{one}'" in notes), None)
-            if joint is None:
-                raise
-            failed[joint] = str(problem)
-            del left[joint]
-    return {}, failed

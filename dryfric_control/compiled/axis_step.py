@@ -658,7 +658,7 @@ def hold_rate(plant, changing, x, speed, acceleration):
     numbers, i = plant.numbers, plant.integers
     level = _RAISED * max(base_level(plant, x, 1.0), base_level(plant, x, -1.0))
     force, friction = i[N_INPUT], i[N_INPUT] + i[N_FORCE]
-    by_drive, forces = 1.0, 0.0
+    by_drive, forces = 1.0, abs(numbers[KNOWN_RATE])
     for k in range(force, friction):
         law = i[LAWS + 2 * k + 1]
         by_drive += numbers[law + BY_LOAD]

@@ -1,9 +1,10 @@
 """Damage sound files at random and watch what the readers do.
 
-Run ``python benchmarks/fuzz_readers.py --minutes 30``.  Sound CSV, MAT, gzip, xlsx, parquet, mcap,
-npz, npy, jsonl, TOML (axis) and JSON (observer design, fit, record, BAM log) files are changed by
-hypothesis in one to four places: bytes overwritten, inserted, removed, repeated, flipped, words
-replaced by what breaks parsers, the rest cut off.  A reader may refuse with a ValueError or
+Run ``python benchmarks/fuzz_readers.py --minutes 30 [--only mdf tdms]``.  Sound CSV, MAT, gzip,
+xlsx, parquet, mcap, npz, npy, jsonl, TOML (axis) and JSON (observer design, fit, record, BAM log)
+files, and logs in MDF, TDMS, MAT 7.3, bags of ROS, CAN and ULog, are changed by hypothesis in one
+to four places: bytes overwritten, inserted, removed, repeated, flipped, words replaced by what
+breaks parsers, the rest cut off.  A reader may refuse with a ValueError or
 return something sound; whatever else it does is a find, kept in ``--keep DIR``.  Prints counts,
 and returns 1 if there were finds.
 ``tests/store/test_files.py`` runs the same for a moment with a fixed seed.
@@ -30,13 +31,16 @@ import damage  # noqa: E402
 ROUND = 500  # examples between two looks at the clock
 
 
-def fuzz(minutes: float, first_seed: int, keep: Path) -> tuple[Counter[tuple[str, str]], list[str]]:
+def fuzz(
+    minutes: float, first_seed: int, keep: Path, only: list[str]
+) -> tuple[Counter[tuple[str, str]], list[str]]:
     """Counts by reader and outcome, and finds with the file that shows each."""
     counts: Counter[tuple[str, str]] = Counter()
     finds: dict[str, str] = {}
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         files = damage.sound_files(folder)
+        files = {name: files[name] for name in only or files}
         end = time.monotonic() + 60.0 * minutes
         turn = first_seed
         while time.monotonic() < end:
@@ -75,9 +79,10 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=1.0, help="how long to go on")
     parser.add_argument("--seed", type=int, default=1, help="first seed; one a round")
     parser.add_argument("--keep", type=Path, default=Path("fuzz_finds"), help="folder for finds")
+    parser.add_argument("--only", nargs="*", default=[], help="kinds of files, all if none")
     chosen = parser.parse_args()
     chosen.keep.mkdir(parents=True, exist_ok=True)
-    counts, finds = fuzz(chosen.minutes, chosen.seed, chosen.keep)
+    counts, finds = fuzz(chosen.minutes, chosen.seed, chosen.keep, chosen.only)
     print(f"{'reader':8}{'taken':>10}{'refused':>10}{'finds':>8}")
     for kind in sorted({kind for kind, _ in counts}):
         row = [counts[kind, what] for what in ("taken", "refused", "find")]

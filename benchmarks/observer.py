@@ -39,6 +39,7 @@ import scipy.stats
 
 import dryfric_control as dfc
 from dryfric_control import presets
+from dryfric_control.compiled.windowed_runs import NO_FORCE
 from dryfric_control.observer import filter_reference, score_estimate, simulate_observed_loop
 from dryfric_control.observer.monte_carlo import Estimator, Mismatch, SwitchedEstimator
 
@@ -486,7 +487,7 @@ def face_times(observer: dfc.observer.Observer, u: np.ndarray, y: np.ndarray) ->
     t, signals = np.arange(count) * DT, np.vstack([u[:count], y[:count]])
     kernel = observer.sample_kernel.run
     works: dict[str, tuple[Callable[[], object], int]] = {
-        "compiled record": (lambda: kernel(*tables, first.copy(), u, y, out), u.size),
+        "compiled record": (lambda: kernel(*tables, first.copy(), u, y, NO_FORCE, out), u.size),
         "run(u, y)": (lambda: observer.run(u, y), u.size),
         "stepper().step": (lambda: [stepper.step(*one) for one in signals.T], count),
         "block()": (lambda: ct.input_output_response(block, t, signals), count),

@@ -103,6 +103,12 @@ def ours_fit(record: dfc.Record) -> Found:
     )
 
 
+def ours_regression(record: dfc.Record) -> Found:
+    found = dfc.identification.force_regression(record)
+    values, errors = found.parameters.values(), found.standard_errors.values()
+    return Found(np.array(list(values)), np.array(list(errors)))
+
+
 def ours_diagnose(record: dfc.Record) -> Found:
     d = dfc.diagnose(dfc.FrictionAxis(*START), record, jobs=1, progress=False)
     base = d.extended.effective()
@@ -280,6 +286,7 @@ def truth(record: dfc.Record) -> Found:
 
 PEERS: dict[str, Callable[[dfc.Record], Found]] = {
     "the machine itself": truth,
+    "ours, axis_from": ours_regression,
     "ours, fit": ours_fit,
     "ours, diagnose": ours_diagnose,
     "scipy, force regression": scipy_regression,
@@ -313,8 +320,8 @@ def row(name: str, work: Callable[[dfc.Record], Found], case: str, repeats: int)
         name,
         *(f"{one:+.2f}" for one in off),
         " / ".join(deviations),
-        f"{1e6 * dfc.replay(axis, test).median:.1f}",
-        f"{min(spent):.3g}",
+        f"{1e6 * dfc.replay(axis, test).median:.0f}",
+        f"{min(spent):.2f}",
         found.cause or "-",
     ]
 

@@ -8,6 +8,8 @@ from dryfric_control import observer as observer
 from dryfric_control import presets as presets
 from dryfric_control import simulators as simulators
 from dryfric_control._version import __version__ as __version__
+from dryfric_control.arm import arm_records as arm_records
+from dryfric_control.arm import diagnose_arm as diagnose_arm
 from dryfric_control.compensation import Compensation as Compensation
 from dryfric_control.compensation import design_compensation as design_compensation
 from dryfric_control.compensation import load_compensation as load_compensation

@@ -1,4 +1,4 @@
-"""Command line: ``python -m dryfric_control`` demo, diagnose, joints, export or simulator."""
+"""Command line: ``python -m dryfric_control`` demo, diagnose, joints, arm, export, simulator."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ import matplotlib
 
 from dryfric_control import demo, simulators
 from dryfric_control._version import __version__
+from dryfric_control.arm import diagnose_arm
 from dryfric_control.checks import positive
 from dryfric_control.compensation import Compensation
 from dryfric_control.diagnosis import Diagnosis, diagnose, diagnose_joints
@@ -80,7 +81,9 @@ def parser() -> argparse.ArgumentParser:
         prog="python -m dryfric_control", description="Control of machines with dry friction."
     )
     top.add_argument("--version", action="version", version=__version__)
-    commands = top.add_subparsers(required=True, metavar="{demo,diagnose,joints,export,simulator}")
+    commands = top.add_subparsers(
+        required=True, metavar="{demo,diagnose,joints,arm,export,simulator}"
+    )
 
     def command(
         run: Callable[[Namespace], int | None], words: str, more: str, *options: tuple[Any, ...]
@@ -134,6 +137,25 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
 
     command(
+        _arm,
+        "diagnose an arm: its joints with the coupling of its model, and errors of the model",
+        "Writes arm.html, arm.json, report.html of each joint in a folder of its name, and the "
+        "model with the values of the joints. joints.jsonl keeps every joint that is finished: the "
+        "same command goes on where it was interrupted.",
+        ("log", str, "LOG", "log with columns for all joints (mcap, CSV, ..)"),
+        ("--model", str, "FILE", "MJCF (.xml) or URDF (.urdf) file", _NEEDED),
+        ("--out", str, "DIR", "folder for the results", {"default": "arm"}),
+        ("--jobs", int, "N", "joints in parallel, by default one a core", {"default": -1}),
+        ("--axes", str, "FILE", "nominal axes, TOML with a table for each joint; default: inertia "
+         "and friction of the model"),
+        ("--held", _held, "hand=0.3,..", "joints that do not move and are not in the log, with "
+         "their positions [rad or m], default: those of the model"),
+        ("--payload", _payloads, "hand=0.8,..", "masses that bodies carry beyond the model "
+         "[kg]"),
+        *_READING,
+    )  # fmt: skip
+
+    command(
         _export,
         "write an axis or a design as C99 or as an FMU",
         "",
@@ -162,6 +184,11 @@ def parser() -> argparse.ArgumentParser:
         *_INTO_MODEL,
     )  # fmt: skip
     return top
+
+
+def _held(text: str) -> dict[str, float] | list[str]:
+    """Positions by joint, or names of joints."""
+    return _numbers("such as hand=0.3,gripper=0")(text) if "=" in text else _names(text)
 
 
 def _names(text: str) -> list[str]:
@@ -196,6 +223,7 @@ def _numbers(right: str, alone: Callable[[float], Any] | None = None) -> Callabl
 
 _gains = _numbers("a number or such as u=35,x=1e-6", lambda factor: {"u": factor})
 _tolerances = _numbers("such as viscous=0.5,mass=0.1")
+_payloads = _numbers("such as hand=0.8")
 _loads = _numbers("a number or such as elbow=0.1,wrist=0.02", float)
 
 
@@ -374,6 +402,38 @@ def _joints(chosen: Namespace) -> int:
     print(f"joints.json and a report for each joint are in {folder}")
     if found.failed:
         _say(f"not diagnosed: {', '.join(found.failed)}; the table and joints.json say why")
+    return 1 if found.failed else 0
+
+
+def _arm(chosen: Namespace) -> int:
+    model = Path(chosen.model)
+    kind = _SIMULATORS.get(model.suffix.lower())
+    if kind not in ("mjcf", "urdf"):
+        raise ValueError(f"--model {model} must be an MJCF (.xml) or URDF (.urdf) file")
+    scaling, sampling, knowledge = _reading(chosen, chosen.axes)
+    axes = None if chosen.axes is None else read_axes(chosen.axes)
+    given = _given(chosen, "held", "payload", "units")
+    folder = output_folder(chosen.out)
+    found = diagnose_arm(
+        model,
+        chosen.log,
+        axes=axes,
+        scaling=scaling,
+        store=folder / "joints.jsonl",
+        jobs=chosen.jobs,
+        progress=not chosen.quiet and sys.stderr.isatty(),
+        **given,
+        **sampling,
+        **knowledge,
+    )
+    print(found.summary(), flush=True)
+    write_file(folder / "arm.json", json.dumps(found.to_dict(), indent=1))
+    found.to_html(folder / "arm.html")
+    put = getattr(simulators, f"to_{kind}")
+    print(put(found, model, out=folder / model.name).summary(), flush=True)
+    for name, one in found.items():
+        write_report(one, folder / name, scaling.to_dict() | sampling)
+    print(f"arm.html, arm.json and a report for each joint are in {folder}")
     return 1 if found.failed else 0
 
 

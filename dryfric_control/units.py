@@ -82,7 +82,7 @@ _KINDS = {
     "v": ("velocity", "angular velocity", *_SENSED),
     "a": ("acceleration", "angular acceleration", *_SENSED),
 }
-_SAME = {"reference": "x", "x2": "x"}
+_SAME = {"reference": "x", "x2": "x", "load": "u"}
 _USUAL = {
     "t": "s, ms, us, ns or min",
     "u": "N, kN, lbf, N m, N cm, lbf in, V, A, mA, bar, % or counts",

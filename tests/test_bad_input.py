@@ -9,6 +9,7 @@ used is in a table of its own: it brings a warning that says the same.
 import contextlib
 import dataclasses
 import functools
+import importlib.util
 import inspect
 import itertools
 import math
@@ -90,10 +91,18 @@ PUBLIC = {
 for _name in ("ObserverStepper", "observed_loop", "simulate_observed_loop"):
     PUBLIC[_name] = getattr(dfc.observer, _name)
 
+# An arm of one joint, and a log of it.
+ARM = importlib.util.find_spec("mujoco") and dfc.arm.rigid_model._mujoco().MjModel.from_xml_string(
+    '<mujoco><worldbody><body name="a"><joint name="elbow" axis="0 0 1"/>'
+    '<inertial pos="0 0 0" mass="1" diaginertia="2 2 2"/></body></worldbody></mujoco>'
+)
+ARM_LOG = {"t": T, "elbow.effort": U, "elbow.position": X}
+
 # Names that take nothing from a user: errors and warnings, and objects that the package makes,
 # whose methods take no argument or are in the table under the name of the function.
 NOTHING_TO_SPOIL = {"__version__", "CertificateError", "Compensation", "MotionProfile", "Inner"}
 NOTHING_TO_SPOIL |= {"FitWarning", "RecordWarning"}
+NOTHING_TO_SPOIL |= set() if ARM else {"arm_records", "diagnose_arm"}
 # Made by the package: the table spoils the arguments of their methods.
 GIVEN = {"SimulationResponse", "Events", "Diagnosis", "Fit", "Experiment", "ObserverDesign", "Law"}
 
@@ -117,7 +126,8 @@ FURTHER: dict[str, dict[str, Any]] = {
     "monte_carlo": dict(quantum=1e-6, stribeck_speed=0.01, runs=2, progress=False),
     "FrictionAxis.mode_ss": dict(dt=DT), "AxisStepper.step": dict(u=0.0), "observe": dict(u=U, y=X),
     "ObserverStepper.step": dict(u=0.0, y=0.0), "export_fmu": dict(path="axis.fmu"),
-    "to_isaac": dict(load=0.0),
+    "to_isaac": dict(load=0.0), "arm_records": dict(model=ARM, log=ARM_LOG),
+    "diagnose_arm": dict(model=ARM, log=ARM_LOG, progress=False),
 }  # fmt: skip
 CALLS: dict[str, Callable[..., Any]] = {
     **{n: one for n, one in PUBLIC.items() if n not in NOTHING_TO_SPOIL | GIVEN and callable(one)},
@@ -375,6 +385,7 @@ rows(
     ("Record", dict(unwrap=1e-9), "period of the encoder", "unwrap"),
     ("Record", dict(channels={"w": X}), "known are v, a, x2", "channels"),
     ("Record", dict(channels={"v": X[:5]}), "one length", "channels"),
+    ("Record", dict(load=X[:5]), "one length", "load has 5 samples"),
     ("Record", dict(raw={"x": "counts"}), "unit and a factor", "raw"),
     ("Record", dict(raw={"x": ("counts", NAN)}), "finite", "raw"),
     ("Record", dict(notes="filtered"), "sequence"),
@@ -769,6 +780,25 @@ rows(
     *(("observe", dict(y=bad), mend) for bad, mend in SAMPLES),
     ("design_compensation", dict(law="magic"), "learned"),
 )
+
+# --------------------------------------------------------------------- arms
+if ARM:
+    _BOTH = "arm_records diagnose_arm"
+    rows(
+        (_BOTH, dict(model=3), "MJCF or URDF file"), (_BOTH, dict(log=None), "one log of all joints"),
+        (_BOTH, dict(axes=3), "mapping of joints"), (_BOTH, dict(axes={"hip": AXIS}), "no joint 'hip'", "axes"),
+        (_BOTH, dict(held=3), "gripper"), (_BOTH, dict(held=["hip"]), "no joint 'hip'", "held"),
+        (_BOTH, dict(gravity=9.81), "three numbers"), (_BOTH, dict(payload=3), "mapping such as"),
+        (_BOTH, dict(scaling=3), "dfc.Scaling"),
+        ("arm_records", dict(reading=3), "unexpected", None, TypeError),
+        ("diagnose_arm", dict(options=3), "unexpected", None, TypeError),
+        ("diagnose_arm", dict(known=3), "names such as"), ("diagnose_arm", dict(known=("weight",)), _BASE),
+        ("diagnose_arm", dict(tolerance={"mass": 0.0}), POSITIVE),
+        ("diagnose_arm", dict(time_limit=_FEW), POSITIVE), ("diagnose_arm", dict(hold="last"), "zero"),
+        ("diagnose_arm", dict(store="nowhere/a.jsonl"), "make it first"),
+        ("diagnose_arm", dict(window=60.0, known="model"), "choose|windows", "window"),
+        ("diagnose_arm", dict(jobs=0, known="model"), "whole number other than 0", "jobs"),
+    )  # fmt: skip
 
 
 # -------------------------------------------------------------------- tests

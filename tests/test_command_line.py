@@ -87,7 +87,9 @@ def test_gains_and_numbers_of_the_machine(run, tmp_path):
     np.testing.assert_allclose(run(text, "--rated-force", "200").u, 200.0 * X, atol=1e-6)
 
 
-@pytest.mark.parametrize("command", ["demo", "diagnose", "joints", "export", "simulator", ""])
+@pytest.mark.parametrize(
+    "command", ["demo", "diagnose", "joints", "arm", "export", "simulator", ""]
+)
 def test_help_and_version_can_be_printed(command, capsys):
     with pytest.raises(SystemExit) as end:
         main([command, "--help"] if command else ["--version"])
@@ -126,7 +128,7 @@ def test_what_is_wrong_in_an_axis_file_is_told(run, tmp_path, capsys, text, word
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        ("", "required: {demo,diagnose,joints,export,simulator}"),
+        ("", "required: {demo,diagnose,joints,arm,export,simulator}"),
         ("diagnose a.csv --axis a --windows 3", "known. Did you mean '--window'?"),
         ("diagnose a.csv --axis a --window abc", "'abc'"),
         ("export a.toml --to c --tol 3", "export: --tol 3 is not known"),

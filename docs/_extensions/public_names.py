@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 #: Classes of results where they are made, which everybody reads, and the loops of an observer.
 RESULTS = (
+    "arm.ArmRecords",
     "compensation.certificate.TrackingCertificate",
     "compensation.runtime.CompensatedController",
     "compensation.runtime.CompensationStepper",

@@ -90,7 +90,10 @@ DELAY, LAG, CONTACT_STIFFNESS, HALF_GAP, STIFFNESS, DAMPING, INVERSE_MOTOR = ran
 #: a play on which friction depends, else 1.
 #: STICK_RATE is the rate at which the velocity of a stuck axis decays; with an elastic contact
 #: that by its own damping.  BRISTLES is 1 for a contact of bristles.
-SHORT_WAY, SHORT_TIME, ALLOWED, BEHIND, BRISTLES, COULOMB = range(15, 21)
+#: KNOWN_FORCE + KNOWN_RATE t is a force on the mass that the user knows; a run over a record sets
+#: it for every sample, see `set_known_force`.
+SHORT_WAY, SHORT_TIME, ALLOWED, BEHIND, BRISTLES = range(15, 20)
+KNOWN_FORCE, KNOWN_RATE, COULOMB = range(20, 23)
 
 #: Indices in the array of integers; address and first parameter of each law
 #: follow, in the order input, force, level.  The first N_PLACE of the N_FORCE
@@ -319,9 +322,29 @@ def _motion_force(plant, t, x, v, u, s, rest):
 
 
 @internal(forceinline=True)
+def _known_force(plant, t):
+    """Force on the mass that the user knows."""
+    return plant.numbers[KNOWN_FORCE] + plant.numbers[KNOWN_RATE] * t
+
+
+@internal
+def set_known_force(plant, t, dt, force, k, first):
+    """Set the known force of sample k, which begins at t: held, or linear if `first`."""
+    n = force.shape[0]
+    if n == 0:
+        return
+    rate = (force[min(k + 1, n - 1)] - force[k]) / dt if first else 0.0
+    second = plant.integers[N_NUMBERS]  # with two masses, of the one with friction; else 0
+    for i in (0, second):
+        plant.numbers[i + KNOWN_FORCE] = force[k] - rate * t
+        plant.numbers[i + KNOWN_RATE] = rate
+
+
+@internal(forceinline=True)
 def load_under(plant, u, t, x, v, s, rest):
     """Net force on the mass without friction, under a drive force."""
-    return (u + _place_force(plant, t, x, s, rest)) + _motion_force(plant, t, x, v, u, s, rest)
+    known = u + _known_force(plant, t)
+    return (known + _place_force(plant, t, x, s, rest)) + _motion_force(plant, t, x, v, u, s, rest)
 
 
 @internal(forceinline=True)
@@ -460,7 +483,7 @@ def _rate(plant, t, x, v, s, u, placed, base):
 def _acceleration(plant, drive, t0, tau, x, v, s):
     u = drive_force(drive, tau)
     t = t0 + tau
-    placed = u + _place_force(plant, t, x, s, 0.0)
+    placed = (u + _known_force(plant, t)) + _place_force(plant, t, x, s, 0.0)
     return _rate(plant, t, x, v, s, u, placed, base_level(plant, x, s))
 
 
@@ -473,14 +496,15 @@ def slide(plant, drive, t0, tau, x, v, s, k1, d):
     xm = x + half * (v + 0.25 * d * k1)
     t = t0 + tau + half
     u = drive_force(drive, tau + half)
-    placed = u + _place_force(plant, t, xm, s, 0.0)
+    given = u + _known_force(plant, t)
+    placed = given + _place_force(plant, t, xm, s, 0.0)
     base = base_level(plant, xm, s)
     k2 = _rate(plant, t, xm, v + half * k1, s, u, placed, base)
     k3 = _rate(plant, t, xm, v + half * k2, s, u, placed, base)
     k4 = _acceleration(plant, drive, t0, tau + d, x + d * (v + half * k3), v + d * k3, s)
     x1 = x + d * (v + d * (k1 + k2 + k3) / 6.0)
     v1 = v + d * (k1 + 2.0 * (k2 + k3) + k4) / 6.0
-    return x1, v1, k2, k3, k4, (placed - u) * plant.numbers[INVERSE_MASS]
+    return x1, v1, k2, k3, k4, (placed - given) * plant.numbers[INVERSE_MASS]
 
 
 @internal(forceinline=True)
@@ -634,7 +658,7 @@ def hold_rate(plant, changing, x, speed, acceleration):
     numbers, i = plant.numbers, plant.integers
     level = _RAISED * max(base_level(plant, x, 1.0), base_level(plant, x, -1.0))
     force, friction = i[N_INPUT], i[N_INPUT] + i[N_FORCE]
-    by_drive, forces = 1.0, 0.0
+    by_drive, forces = 1.0, abs(numbers[KNOWN_RATE])
     for k in range(force, friction):
         law = i[LAWS + 2 * k + 1]
         by_drive += numbers[law + BY_LOAD]
@@ -764,6 +788,7 @@ def _varies(plant, drive):
         or i[N_PLUS] + i[N_MINUS] > 2
         or drive.slope != 0.0
         or drive.fade != 0.0
+        or plant.numbers[KNOWN_RATE] != 0.0
     )
 
 
@@ -1306,14 +1331,17 @@ def located(events, count):
 
 
 @njit(cache=True, error_model="numpy")
-def run(numbers, integers, memory, u, dt, first, room, out):
+def run(numbers, integers, memory, u, known, dt, first, room, out):
     """Simulate a record into `out`, rows x, v, friction, mode; located switches, and how many lost.
 
-    `first` selects first-order hold; `room`: for the switches of one sample.
+    `known`: force on the mass that is known, shape (n,), or (0,) for none; `first` selects
+    first-order hold; `room`: for the switches of one sample.
     """
-    plant = point(numbers, integers)
+    own = numbers.copy()
+    plant = point(own, integers)
     state = pointer(memory)
     n = u.shape[0]
+    set_known_force(plant, 0.0, dt, known, 0, first)
     # The initial mode is set without recording a switch.
     state[MODE] = outputs(plant, 0.0, dt, state, u[0])[2]
     events = np.empty(64 * room)
@@ -1322,11 +1350,14 @@ def run(numbers, integers, memory, u, dt, first, room, out):
         if 3 * count[LISTED] + room > events.shape[0]:
             events = longer_list(events, count)
         t, end = k * dt, u[k + 1] if first else u[k]
+        set_known_force(plant, t, dt, known, k, first)
         out[0, k] = reading(plant, t, state)
         out[1, k], out[2, k], out[3, k] = sample(
             plant, t, dt, u[k], end, state, pointer(events), pointer(count)
         )
     t = (n - 1) * dt
+    set_known_force(plant, t, dt, known, n - 1, first)
     out[0, n - 1] = reading(plant, t, state)
     out[1, n - 1], out[2, n - 1], out[3, n - 1] = outputs(plant, t, dt, state, u[n - 1])
+    # The numbers must outlive the plant, which points to them.
     return located(events, count[LISTED]), count[LOST]

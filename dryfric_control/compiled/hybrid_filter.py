@@ -618,13 +618,24 @@ def step(numbers, axis_numbers, axis_integers, memory, t, u, y, out):
 
 
 @njit(cache=True, error_model="numpy")
-def run(numbers, axis_numbers, axis_integers, memory, u, y, out):
-    """Run over a whole record, outputs into `out`, one row per sample."""
-    plant = axis_step.point(axis_numbers, axis_integers)
+def run(numbers, axis_numbers, axis_integers, memory, u, y, known, out):
+    """Run over a whole record, outputs into `out`, one row per sample.
+
+    `known`: force on the mass that is known, shape (n,), or (0,) for none.
+    """
+    own = axis_numbers.copy()
+    plant = axis_step.point(own, axis_integers)
     given, state, rows = (
         axis_step.pointer(numbers),
         axis_step.pointer(memory),
         axis_step.pointer(out),
     )
     for k in range(u.shape[0]):
-        _sample(given, plant, state, k * numbers[DT], u[k], y[k], rows, OUTPUTS * k)
+        t = k * numbers[DT]
+        if known.shape[0] > 0:
+            # The sample before is predicted at its middle, the friction is that of now: a line
+            # through both values.
+            before = known[max(k - 1, 0)]
+            own[axis_step.KNOWN_RATE] = 2.0 * (known[k] - before) / numbers[DT]
+            own[axis_step.KNOWN_FORCE] = known[k] - own[axis_step.KNOWN_RATE] * t
+        _sample(given, plant, state, t, u[k], y[k], rows, OUTPUTS * k)

@@ -663,8 +663,8 @@ def _tells_of_load(m, cov, at, rubs, strained, part):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def innovations(
-    numbers, integers, size, u, y, w, good, t0, rested, dt, first, force, reading, cell, span,
-    state, out,
+    numbers, integers, size, u, known, y, w, good, t0, rested, dt, first, force, reading, cell,
+    span, state, out,
 ):  # fmt: skip
     """Innovations and their variances over a whole record.
 
@@ -676,6 +676,8 @@ def innovations(
     numbers, integers, size : arrays and length of memory of the axis
     u, y : ndarray, shape (n,)
         Input and positions.
+    known : ndarray, shape (n,) or (0,)
+        Known force on the mass.
     w : ndarray, shape (n,) or (0,)
         The readings if they are velocities, of which the positions are the integral.
     good : ndarray of bool, shape (n,)
@@ -711,25 +713,27 @@ def innovations(
         least = np.inf
         for one in _PLACES:
             _innovations(
-                numbers, integers, size, u, y, w, good, t0, rested, dt, first, force, reading, cell,
-                span, state, out, stop, one,
+                numbers, integers, size, u, known, y, w, good, t0, rested, dt, first, force,
+                reading, cell, span, state, out, stop, one,
             )  # fmt: skip
             here = cost_of(out, good, FIRST + 1, stop)
             if here < least:
                 least, place = here, one
     _innovations(
-        numbers, integers, size, u, y, w, good, t0, rested, dt, first, force, reading, cell, span,
-        state, out, n, place,
+        numbers, integers, size, u, known, y, w, good, t0, rested, dt, first, force, reading, cell,
+        span, state, out, n, place,
     )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _innovations(
-    numbers, integers, size, u, y, w, good, t0, rested, dt, first, force, reading, cell, span,
+    given, integers, size, u, known, y, w, good, t0, rested, dt, first, force, reading, cell, span,
     state, out, n, place,
 ):  # fmt: skip
     """`innovations` of the first n samples from a place in the play, -1 to 1; nan: unknown."""
+    numbers = given.copy()
     plant = step.point(numbers, integers)
+    step.set_known_force(plant, t0, dt, known, 0, first)
     # One array, which the loop keeps alive: an array handed on would be counted at each call.
     memory = np.zeros(size + step.ROOM + 10)
     m = step.pointer(memory)
@@ -782,6 +786,7 @@ def _innovations(
     out[0, 0], out[1, 0] = 0.0, 0.0
     for k in range(1, n):
         t = t0 + (k - 1) * dt
+        step.set_known_force(plant, t, dt, known, k - 1, first)
         end = u[k] if first else u[k - 1]
         x, v, mode = memory[step.X], memory[step.V], int(memory[step.MODE])
         before = v = v + memory[step.SLIP] if on_load else v

@@ -247,9 +247,16 @@ def step(numbers, matrices, gains, transitions, axis_numbers, axis_integers, mem
 
 
 @njit(cache=True, error_model="numpy")
-def run(numbers, matrices, gains, transitions, axis_numbers, axis_integers, memory, u, y, out):
-    """Run over a whole record into `out`, rows xhat, vhat, Fhat, what, mode per sample."""
-    tables = _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers)
+def run(
+    numbers, matrices, gains, transitions, axis_numbers, axis_integers, memory, u, y, known, out
+):  # fmt: skip
+    """Run over a whole record into `out`, rows xhat, vhat, Fhat, what, mode per sample.
+
+    `known`: force on the mass that is known, shape (n,), or (0,) for none.
+    """
+    own = axis_numbers.copy()
+    tables = _point(numbers, matrices, gains, transitions, own, axis_integers)
     state, rows = axis_step.pointer(memory), axis_step.pointer(out)
     for k in range(u.shape[0]):
+        axis_step.set_known_force(tables.plant, k * numbers[DT], numbers[DT], known, k, False)
         _sample(tables, state, k * numbers[DT], u[k], y[k], rows, OUTPUTS * k)

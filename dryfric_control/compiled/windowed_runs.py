@@ -27,6 +27,11 @@ _LOST = 2.0
 _PLACES, _CLOSER = 9, 12
 
 
+#: No known force on the mass.
+NO_FORCE = np.empty(0)
+NO_FORCE.setflags(write=False)
+
+
 class Windowed(NamedTuple):
     """A record in windows; window i covers the samples edges[i] to edges[i+1] - 1."""
 
@@ -41,6 +46,7 @@ class Windowed(NamedTuple):
     x_error: Any
     v_error: Any
     rest: Any  # (nwindows,) time at rest before each start [s]
+    known: Any = NO_FORCE  # (n,) known force on the mass, (0,) for none
 
 
 class Evaluation(NamedTuple):
@@ -76,6 +82,7 @@ class Search(NamedTuple):
 class _Run(NamedTuple):
     """An axis and the memory of its runs."""
 
+    numbers: Any  # what the plant points to
     plant: Any
     memory: Any
     events: Any
@@ -93,11 +100,11 @@ class _Found(NamedTuple):
 @axis_step.internal
 def _run_of(axis):
     """An axis from its `Arrays`, which must outlive it."""
-    plant = axis_step.point(axis.numbers, axis.integers)
+    numbers = axis.numbers.copy()
+    plant = axis_step.point(numbers, axis.integers)
     events = np.empty(axis_step.ROOM)
-    return _Run(
-        plant, np.zeros(axis.memory), events, axis_step.tally(events, axis_step.FEW_SWITCHES)
-    )
+    count = axis_step.tally(events, axis_step.FEW_SWITCHES)
+    return _Run(numbers, plant, np.zeros(axis.memory), events, count)
 
 
 @axis_step.internal
@@ -159,6 +166,7 @@ def _begin(run, w, i, x0, v0, inner):
     """
     plant, memory, a, rest = run.plant, run.memory, w.edges[i], w.rest[i]
     state = axis_step.pointer(memory)
+    axis_step.set_known_force(plant, w.t0 + a * w.dt, w.dt, w.known, a, w.first)
     memory[:] = 0.0
     memory[axis_step.X], memory[axis_step.V] = x0, v0
     rested = inner[axis_step.N_INNER]
@@ -217,7 +225,9 @@ def _free_run(run, w, i, x0, v0, inner, out):
     for k in range(a, b):
         run.count[0] = 0
         end = w.u[min(k + 1, last)] if w.first else w.u[k]
-        axis_step.sample(run.plant, w.t0 + k * w.dt, w.dt, w.u[k], end, state, switches, counted)
+        t = w.t0 + k * w.dt
+        axis_step.set_known_force(run.plant, t, w.dt, w.known, k, w.first)
+        axis_step.sample(run.plant, t, w.dt, w.u[k], end, state, switches, counted)
         if k + 1 < b:
             out[k + 1] = axis_step.reading(run.plant, w.t0 + (k + 1) * w.dt, state)
 
@@ -405,10 +415,13 @@ def project(axis, w, search, at):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def accelerations(numbers, integers, t, x, v, u, direction, out):
-    """Acceleration of the sliding mode at given states, into `out`."""
+def accelerations(numbers, integers, t, x, v, u, known, direction, out):
+    """Acceleration of the sliding mode at given states, into `out`; `known`: force, or (0,)."""
+    own = numbers.copy()
     for k in range(t.shape[0]):
-        out[k] = axis_step.mode_rate(numbers, integers, t[k], x[k], v[k], u[k], direction[k])[0]
+        if known.shape[0] > 0:
+            own[axis_step.KNOWN_FORCE] = known[k]
+        out[k] = axis_step.mode_rate(own, integers, t[k], x[k], v[k], u[k], direction[k])[0]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -680,6 +680,7 @@ def run_cases(
             results[name] = problem
             continue
         data = [p for r in records for p in (r.t, r.u, r.x, r.reference, r.quantum, r.good)]
+        data += [r.known_load for r in records if r.known_load is not None]
         cases[name, fingerprint(*data), *own(axis)] = axis, records
     raise_failures(results, all_only=True)
     found = run_batch(

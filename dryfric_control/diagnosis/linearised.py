@@ -57,6 +57,12 @@ class Linearised(ModelView):
         self.duration = max(r.duration for r in records)
         self.t = np.concatenate([r.t for r in records])
         self.u = np.concatenate([run.u for run in likelihood.runs])
+        loads = [r.known_force for r in records]
+        known = any(one.size for one in loads)
+        self.load = np.concatenate([
+            one if one.size or not known else np.zeros(len(r))
+            for one, r in zip(loads, records, strict=True)
+        ])  # fmt: skip
         self.x, self.v = states[0], states[1]
         self.a = np.concatenate([
             np.gradient(uniform_filter1d(self.v[part], _SMOOTH)) / self.dt for part in self.slices

@@ -169,7 +169,8 @@ class Refit:
         if moving.size:
             active[moving[np.linspace(0, moving.size - 1, _HOLDING).astype(int)]] = True
         states = (one[:count] for one in (windows.x0, windows.v0, windows.rest))
-        known = Runs(_windowed(record.u, record.dt, length, *states), active, np.empty(0))
+        windowed = _windowed(record.u, record.dt, length, *states)
+        known = Runs(windowed._replace(known=record.known_force), active, np.empty(0))
         problem = Likelihood(axis, names, [prepare(record)])
         return cls(problem, replace(known, truth=known.positions(axis)), quantum)
 

@@ -131,7 +131,10 @@ def noise_floor(
         pushed = w
         if step > 0.0 or force > 0.0:
             u = next(acted) + force * rng.standard_normal(len(record))
-            driven = Record(record.t, u, record.x, quantum=record.quantum, units=record.units)
+            driven = Record(
+                record.t, u, record.x, quantum=record.quantum, units=record.units,
+                load=record.known_load,
+            )  # fmt: skip
             pushed = replace(w, record=driven)
         drift = np.zeros(len(record))
         if velocity > 0.0:

@@ -30,10 +30,11 @@ _STEP, _ANSWERS = 1e-3, 1e-6
 
 
 class Sliding:
-    """At most `limit` sliding samples of a record: arrays t, x, v, a, u, direction, shape (n,).
+    """At most `limit` sliding samples of a record: arrays t, x, v, a, u, load, direction, (n,).
 
-    Position, velocity and acceleration are smoothed over `smoothing` samples, without delay; u is
-    the mean of the held input before and after each sample, as a is a central difference.
+    Position, velocity and acceleration are smoothed over `smoothing` samples, without delay; u and
+    load (shape (0,) for none) are the means of what is held before and after each sample, as a is a
+    central difference.
     """
 
     def __init__(
@@ -56,16 +57,16 @@ class Sliding:
         pick = np.flatnonzero((moving != 0) & steady & (moving * smooth.v > 0.0))
         if limit is not None and pick.size > limit:
             pick = pick[:: -(-pick.size // limit)]
-        drive = 0.5 * (record.u + np.concatenate((record.u[:1], record.u[:-1])))
-        if smooth_drive:
-            drive = np.convolve(np.pad(drive, half, mode="edge"), _kernel(size, record.dt), "valid")
+        kernel = _kernel(size, record.dt) if smooth_drive else None
+        drive, load = (_held_mean(one, kernel) for one in (record.u, record.known_force))
         self.smoothing = size
         self.t, self.x = record.t[pick], smooth.x[pick]
         self.v, self.a, self.u = smooth.v[pick], smooth.a[pick], drive[pick]
+        self.load = load[pick] if load.size else load
         self.direction = moving[pick].astype(np.int64)
 
     def _force(self, axis: FrictionAxis, u: Floats, direction: Ints) -> Floats:
-        return net_force(axis, self.t, self.x, self.v, u, direction)
+        return net_force(axis, self.t, self.x, self.v, u, direction, self.load)
 
     def force_residual(self, axis: FrictionAxis, direction: Ints | None = None) -> Floats:
         """Force that the axis would need in addition to its drive; friction as in `direction`."""
@@ -77,6 +78,14 @@ class Sliding:
         step = _STEP * (float(np.std(self.u)) or 1.0)
         low, high = (self._force(axis, self.u + d, self.direction) for d in (-step, step))
         return np.maximum((high - low) / (2.0 * step), _ANSWERS)
+
+
+def _held_mean(force: Floats, kernel: Floats | None) -> Floats:
+    """Mean of a held force before and after each sample, smoothed by a kernel."""
+    mean = 0.5 * (force + np.concatenate((force[:1], force[:-1])))
+    if kernel is None or not force.size:
+        return mean
+    return np.convolve(np.pad(mean, kernel.size // 2, mode="edge"), kernel, "valid")
 
 
 class Residual(Sliding):

@@ -60,7 +60,9 @@ def prepare_force(record: Record, hold: str = "zero") -> ForceRun:
     run, sliding = prepare(record, block=_BLOCK), Sliding(record)
     index = np.searchsorted(record.t, sliding.t)
     if hold == "first":
-        sliding.u = record.u[index]  # the drive at that instant, not its mean around it
+        # The forces at that instant, not their means around it.
+        sliding.u, known = record.u[index], record.known_force
+        sliding.load = known[index] if known.size else known
     active = np.zeros(len(record), bool)
     active[index] = True
     active[: FIRST + 1] = False

@@ -349,9 +349,10 @@ class Likelihood:
             here = slice(start, end)
             mine, states = np.zeros((2, end - start)), np.zeros((6, end - start))
             hybrid.innovations(
-                numbers, arrays.integers, arrays.memory, u[here], record.x[here], run.w[here],
-                run.good[here], float(record.t[start]), float(run.rest[start]), record.dt,
-                self.first, force, reading, run.cell, record.range, states, mine,
+                numbers, arrays.integers, arrays.memory, u[here], record.known_force[here],
+                record.x[here], run.w[here], run.good[here], float(record.t[start]),
+                float(run.rest[start]), record.dt, self.first, force, reading, run.cell,
+                record.range, states, mine,
             )  # fmt: skip
             if end - start == len(record):
                 return mine, states
@@ -532,7 +533,7 @@ class Likelihood:
             arrays, a = one.arrays(1.0), np.empty(direction.size)
             accelerations(
                 arrays.numbers, arrays.integers, run.record.t, states[0], states[1], run.u,
-                direction, a,
+                run.record.known_force, direction, a,
             )  # fmt: skip
             return a
 

@@ -78,7 +78,7 @@ class Windows:
         return Windowed(
             shifted(record.u, shift / record.dt), record.x, float(record.t[0]), record.dt,
             self.hold == "first", self.edges, self.x0, self.v0, self.x0_error, self.v0_error,
-            self.rest,
+            self.rest, record.known_force,
         )  # fmt: skip
 
     def run(

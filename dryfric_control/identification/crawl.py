@@ -86,7 +86,7 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
                 place, speed = w @ (0.5 * (x[c:d] + x[c + 1 : d + 1])), w @ middle[c:d]
                 speed -= noise**2 / speed  # the weights hold the same noise: its square is none
                 rise = way * 0.5 * (v[d] ** 2 - v[c] ** 2) / far
-                means = far, place, w @ record.u[c:d], speed, rise
+                means = far, place, w @ record.net_input[c:d], speed, rise
                 unsure = noise * np.hypot(v[c], v[d]) / far
                 rows.append((*means, way, number, v[c], v[d], record.t[c], unsure))
     columns = np.array(rows, float).reshape(-1, 11).T

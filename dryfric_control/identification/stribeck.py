@@ -150,7 +150,7 @@ def ripple(record: Record) -> Ripple | None:
         if sticks.direction[i] != sticks.direction[i + 1]:
             continue
         # From trough to trough: noise may show a breakaway too early.
-        force = sticks.direction[i] * record.u
+        force = sticks.direction[i] * record.net_input
         trough = a + int(force[a:b].argmin())
         following = b + int(force[b:after].argmin())
         slip = abs(record.x[sticks.begin[i + 1]] - record.x[a])

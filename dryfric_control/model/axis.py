@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from dryfric_control.arrays import Floats, Ints
 from dryfric_control.checks import finite, instance, one_of, places, positive, samples, string
 from dryfric_control.compiled import axis_step, elastic
+from dryfric_control.compiled.windowed_runs import NO_FORCE
 from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
 from dryfric_control.model.axis_arguments import with_inertia, with_mass
 from dryfric_control.model.block import Block
@@ -294,6 +295,8 @@ class FrictionAxis:
         v0: float = 0.0,
         hold: str = "zero",
         law: Law | None = None,
+        *,
+        load: ArrayLike | None = None,
     ) -> SimulationResponse:
         """Run the axis on a sampled input, switches located inside.
 
@@ -311,6 +314,9 @@ class FrictionAxis:
         law : Law, optional
             Another friction law to compare with, e.g. ``dfc.laws.LuGre(...)``, in
             place of the switched one.
+        load : array_like, shape (n,), optional
+            Known force on the mass beside the drive [N], positive as `u` is; of two masses, on
+            that with friction.
 
         Returns
         -------
@@ -319,6 +325,7 @@ class FrictionAxis:
             those that the new input u[k] brings about.
         """
         force = samples("u", u)
+        known = known_force(load, force.size)
         dt = positive("dt", dt, unit="s")
         x0, v0 = finite("x0", x0), finite("v0", v0)
         one_of("hold", hold, ("zero", "first"))
@@ -326,6 +333,8 @@ class FrictionAxis:
         if law is not None:
             # A class has the attributes of its instances.
             given = law.__name__ if isinstance(law, type) else law
+            if known.size:
+                raise ValueError("load cannot be used with law=...: add it to u")
             instance("law", given, Law, "such as dfc.laws.LuGre(stiffness=1e5, damping=100.0)")
             outputs[:] = law.run(self, force, dt, x0, v0, hold)
             places = np.flatnonzero(np.diff(outputs[3])) + 1
@@ -336,7 +345,7 @@ class FrictionAxis:
             a, first = self.arrays(dt), hold == "first"
             events = located(
                 lambda room: axis_step.run(
-                    a.numbers, a.integers, a.started(x0, v0), force, dt, first, room, outputs
+                    a.numbers, a.integers, a.started(x0, v0), force, known, dt, first, room, outputs
                 )
             )
         check_finite(outputs)
@@ -748,6 +757,18 @@ class AxisStepper:
         _, self.F, _ = self._arrays.seen(self._memory, self.time, self.dt, force)
 
 
+def known_force(load: ArrayLike | None, size: int, name: str = "load") -> Floats:
+    """A known force on the mass as kernels take it: one value a sample, or empty for none."""
+    if load is None:
+        return NO_FORCE
+    force = samples(name, load)
+    if force.size != size:
+        raise ValueError(f"{name} has {force.size} samples and u {size}: give one at each sample")
+    force = force.copy()
+    force.setflags(write=False)  # as that of a record: kernels are compiled for each type
+    return force
+
+
 def check_pace(axis: FrictionAxis, dt: float) -> None:
     """Refuse an axis whose velocity changes too fast to be followed: a wrong unit."""
     axis = axis.effective()
@@ -907,6 +928,8 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         0.0,
         rubbing if inner.half_gap > 0.0 and loaded and not inner.motor_rubs else 1.0,
         inner.bristles,
+        0.0,
+        0.0,
         *axis.coulomb.plus,
         *axis.coulomb.minus,
     ]

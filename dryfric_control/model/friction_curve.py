@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
-from dryfric_control.compiled.windowed_runs import accelerations
+from dryfric_control.compiled.windowed_runs import NO_FORCE, accelerations
 from dryfric_control.text import typeset
 
 #: A `FrictionAxis`, which is built upon this module.
@@ -21,11 +21,15 @@ _POINTS, _PLACES = 241, 49
 _STRIBECK, _SHARE, _STICK = 8.0, 0.5, 1e3
 
 
-def net_force(axis: Axis, t: Any, x: Any, v: Any, u: Any, way: Any) -> Floats:
-    """Force on the mass of a rigid axis at states, `way` the direction of each, shape (n,)."""
+def net_force(axis: Axis, t: Any, x: Any, v: Any, u: Any, way: Any, load: Any = NO_FORCE) -> Floats:
+    """Force on the mass of a rigid axis at states, `way` the direction of each, shape (n,).
+
+    `load`: known force on the mass at each state.
+    """
     arrays = axis.arrays(1.0)
     found = np.empty(np.size(v))
-    accelerations(arrays.numbers, arrays.integers, t, x, v, u, way.astype(np.int64), found)
+    way = way.astype(np.int64)
+    accelerations(arrays.numbers, arrays.integers, t, x, v, u, load, way, found)
     return np.asarray(axis.mass * found)
 
 

@@ -15,6 +15,7 @@ from dryfric_control import drawing
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, samples
 from dryfric_control.compiled import observer as places
+from dryfric_control.compiled.windowed_runs import NO_FORCE
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.block import Block
 from dryfric_control.model.responses import Response
@@ -40,7 +41,9 @@ class Kernel(NamedTuple):
     """The compiled functions of an observer."""
 
     step: Callable[..., None]  # step(*tables, memory, t, u, y, out)
-    run: Callable[..., None]  # run(*tables, memory, u, y, out), out of shape (n, noutputs)
+    # run(*tables, memory, u, y, known, out): known force on the mass, shape (n,) or (0,) for none;
+    # out of shape (n, noutputs)
+    run: Callable[..., None]
 
 
 class Estimate(NamedTuple):
@@ -150,8 +153,10 @@ class Observer(Saved):
        the docstring states the equation with its source, and where the method stops being true.
     3. One sample is one function compiled by numba, ``step(*tables, memory, t, u, y, out)``: it
        takes the drive `u` that acts from this sample on and the position `y` read at it, writes the
-       outputs into `out` and advances `memory` to the next sample.  A second function repeats it
-       over a record; both stand in `sample_kernel`.
+       outputs into `out` and advances `memory` to the next sample.  A second function,
+       ``run(*tables, memory, u, y, known, out)``, repeats it over a record, with the force on the
+       mass that the record knows set before each sample (`axis_step.set_known_force`); both
+       stand in `sample_kernel`.
     4. The first five outputs are `OUTPUTS`: position, velocity, friction (viscous friction is no
        part of it), integral term (minus the friction error) and mode; `more_outputs` names others.
     5. `tables` gives the arrays that the kernel reads, made from the fields alone; no number of an
@@ -237,7 +242,7 @@ class Observer(Saved):
         ----------
         u : array_like, shape (n,), or Record
             Drive force at the samples [N]; a record, whose step and units must be those of the
-            observer, brings `y` with it.
+            observer, brings `y`, and its known load, with it.
         y : array_like, shape (n,), optional
             Measured position at the samples [m].
         **options
@@ -249,9 +254,9 @@ class Observer(Saved):
             Outputs xhat, vhat, Fhat, what, mode, each of shape (n,).
         """
         arrays, first_memory = self._options(options)
-        time, inputs = drive_and_reading(self, u, y)
+        time, inputs, known = drive_and_reading(self, u, y)
         out = np.empty((time.size, self.noutputs))
-        self.sample_kernel.run(*arrays, first_memory(inputs[1, 0]), *inputs, out)
+        self.sample_kernel.run(*arrays, first_memory(inputs[1, 0]), *inputs, known, out)
         return ObserverResponse(
             time,
             np.ascontiguousarray(out.T),
@@ -308,12 +313,12 @@ class Observer(Saved):
         return self.tables(**rules), functools.partial(self.memory, **start)
 
 
-def drive_and_reading(observer: Any, u: Any, y: Any) -> tuple[Floats, Floats]:
-    """Time [s], and drive [N] and reading [m] in rows, of arrays or a record.
+def drive_and_reading(observer: Any, u: Any, y: Any) -> tuple[Floats, Floats, Floats]:
+    """Time [s], drive [N] and reading [m] in rows, and known load [N], of arrays or a record.
 
     `observer` has the axis and the step that they must fit.
     """
-    start = 0.0
+    start, known = 0.0, NO_FORCE
     if hasattr(u, "units") and hasattr(u, "dt"):  # a record; no room imports both
         if y is not None:
             raise ValueError("y must be left out where u is a record: it holds its positions")
@@ -323,7 +328,7 @@ def drive_and_reading(observer: Any, u: Any, y: Any) -> tuple[Floats, Floats]:
                 f"record.dt is {u.dt:g} s and {observer.label}.dt {observer.dt:g} s: design with "
                 f"dt={u.dt:g}, or pass record.resampled({observer.dt:g})"
             )
-        start, u, y = float(u.t[0]), u.u, u.x
+        start, known, u, y = float(u.t[0]), u.known_force, u.u, u.x
     elif y is None:
         raise ValueError("y is missing: give u and y, or a Record in place of both")
     drive, reading = samples("u", u), samples("y", y)
@@ -332,4 +337,4 @@ def drive_and_reading(observer: Any, u: Any, y: Any) -> tuple[Floats, Floats]:
             f"u has {drive.size} samples and y {reading.size}: give one of each at every sample"
         )
     check_drive_and_reading(observer.axis, observer.dt, drive, reading)
-    return start + np.arange(drive.size) * observer.dt, np.vstack([drive, reading])
+    return start + np.arange(drive.size) * observer.dt, np.vstack([drive, reading]), known

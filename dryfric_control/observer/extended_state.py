@@ -108,14 +108,17 @@ def step(numbers, axis_numbers, axis_integers, memory, t, u, y, out):
 
 
 @njit(cache=True, error_model="numpy")
-def run(numbers, axis_numbers, axis_integers, memory, u, y, out):
+def run(numbers, axis_numbers, axis_integers, memory, u, y, known, out):
     """Run over a whole record, outputs into `out`, one row per sample."""
-    plant = axis_step.point(axis_numbers, axis_integers)
+    own = axis_numbers.copy()
+    plant = axis_step.point(own, axis_integers)
     values = axis_step.pointer(numbers)
     state = axis_step.pointer(memory)
     rows = axis_step.pointer(out)
     for k in range(u.shape[0]):
-        _sample(values, plant, state, k * values[DT], u[k], y[k], rows, out.shape[1] * k)
+        t = k * values[DT]
+        axis_step.set_known_force(plant, t, values[DT], known, k, False)
+        _sample(values, plant, state, t, u[k], y[k], rows, out.shape[1] * k)
 
 
 class Tables(NamedTuple):

@@ -30,7 +30,7 @@ def observe(
     design : ObserverDesign
     u : array_like, shape (n,), or Record
         Drive force at the samples [N]; a record, whose step and units must be those of the design,
-        brings `y` with it.
+        brings `y`, and its known load, with it.
     y : array_like, shape (n,), optional
         Measured position at the samples [m].
     xhat0 : float, optional

@@ -131,7 +131,7 @@ def assumed_units(units: Mapping[str, str]) -> str:
 
 def energy_message(record: Record, units: tuple[str, str]) -> str | None:
     """What to say of a drive that takes energy out of the machine; None if it does not."""
-    passed = record.u[:-1] * np.diff(record.x)
+    passed = record.net_input[:-1] * np.diff(record.x)
     total = float(np.abs(passed).sum())
     work = float(passed.sum())
     if work >= -_TAKEN * total:

@@ -19,6 +19,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from dryfric_control import drawing
 from dryfric_control.arrays import Bools, Floats
 from dryfric_control.checks import finite, instance, positive, string, whole
+from dryfric_control.compiled.windowed_runs import NO_FORCE
 from dryfric_control.records import bad_readings
 from dryfric_control.records import record_checks as checks
 from dryfric_control.records.bad_readings import NONE, Masked
@@ -83,6 +84,9 @@ class Record(Saved):
         Encoder quantum [unit of x]; 0 for none; estimated when left out.
     unwrap : float, optional
         Period of an encoder that wraps around [unit of x]; jumps of over half of it are undone.
+    load : array_like, shape (n,), optional
+        Force or torque on the mass beside the drive that a model knows, in the unit of `u`, held
+        as it is, and positive as it is; no effect on the drive changes it.
     channels : mapping, optional
         Measured velocity ``"v"``, acceleration ``"a"`` and position of a second encoder ``"x2"``,
         each shape (n,); kept and cut with the rest, see `compare`.
@@ -149,15 +153,17 @@ class Record(Saved):
         notes: Sequence[str] = (),
         quantum: float | None = None,
         unwrap: float | None = None,
+        load: npt.ArrayLike | None = None,
         channels: Mapping[str, npt.ArrayLike] | None = None,
         raw: Mapping[str, tuple[str, float]] | None = None,
         good: npt.ArrayLike | None = None,
     ) -> None:
-        labels = checks.checked_units(units)
+        labels = checks.without_load(checks.checked_units(units))
         if name is not None:
             string("name", name)
         if quantum is not None:
             quantum = positive("quantum", quantum, zero=True)
+        channels = checks.with_load(channels, load)
         found, made = checks.vectors(t, u, x, reference, channels)
         notes, stored = checks.checked_notes(notes) + made, checks.checked_raw(raw)
         if x is None:
@@ -233,6 +239,21 @@ class Record(Saved):
         )
 
     __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def known_load(self) -> Floats | None:
+        """Known force on the mass beside the drive, shape (n,) [unit of u]; None for none."""
+        return self.channels.get("load")
+
+    @property
+    def known_force(self) -> Floats:
+        """The same as kernels take it: shape (0,) for none."""
+        return self.channels.get("load", NO_FORCE)
+
+    @property
+    def net_input(self) -> Floats:
+        """Input and load together, shape (n,) [unit of u]."""
+        return self.u if self.known_load is None else self.u + self.known_load
 
     @property
     def duration(self) -> float:
@@ -340,7 +361,8 @@ class Record(Saved):
         if quantum := self.resolution.quantum:
             shift = rng.uniform(0.0, quantum) if shift is None else shift
             x = quantum * np.round((x - shift) / quantum) + shift
-        return self._with("read anew", x=x, channels={}, masked=NONE)
+        kept = {name: one for name, one in self.channels.items() if name == "load"}
+        return self._with("read anew", x=x, channels=kept, masked=NONE)
 
     def replace(self, u: npt.ArrayLike | None = None, x: npt.ArrayLike | None = None) -> Record:
         """The record with another input or other positions.
@@ -454,8 +476,10 @@ class Record(Saved):
         if factor == 1:
             return self
         pick = slice(0, groups * factor, factor)
-        u = self.u[: pick.stop].reshape(groups, -1).mean(axis=1)
-        parts = self._at(pick) | {"u": u, "dt": self.dt * factor}
+        held = {"u": self.u} | ({} if self.known_load is None else {"load": self.known_load})
+        means = {k: one[: pick.stop].reshape(groups, -1).mean(axis=1) for k, one in held.items()}
+        parts = self._at(pick) | {"u": means.pop("u"), "dt": self.dt * factor}
+        parts["channels"] |= means
         return self._with(f"decimated by {factor}", **parts)
 
     def commanded(self, gain: float | None = None) -> Record:
@@ -544,7 +568,8 @@ class Record(Saved):
         >>> dfc.Record.from_irregular(t, np.cos(t), np.sin(t)).dt
         0.005
         """
-        found, made = checks.vectors(t, u, x, reference, options.pop("channels", None), gaps=True)
+        more = checks.with_load(options.pop("channels", None), options.pop("load", None))
+        found, made = checks.vectors(t, u, x, reference, more, gaps=True)
         good = usable_readings(options.pop("good", None), found["x"].size)
         found, good, lacking = checks.sound_rows(found, good)
         tv = found["t"]
@@ -734,9 +759,10 @@ class Record(Saved):
         window : int, optional
             Smoothing of the position, as in `derivatives`.
         """
-        if string("name", name) not in self.channels:
+        measured = [one for one in self.channels if one != "load"]
+        if string("name", name) not in measured:
             raise ValueError(
-                f"the record has no channel {name!r}; it has {', '.join(self.channels) or 'none'}"
+                f"the record has no channel {name!r}; it has {', '.join(measured) or 'none'}"
             )
         smooth = self.derivatives(window)
         expected = {"x2": smooth.x, "v": smooth.v, "a": smooth.a}[name]
@@ -822,7 +848,8 @@ class Record(Saved):
     def _columns(self) -> dict[str, npt.NDArray[Any]]:
         """Channels under headings with units."""
         arrays = self._arrays() | {"x": self.measured}
-        columns = {self._label(role, role): array for role, array in arrays.items()}
+        named = {"load": "known_load"}
+        columns = {self._label(named.get(r, r), r): array for r, array in arrays.items()}
         return columns | ({"good": self.good.astype(np.int64)} if self.masked.reasons else {})
 
     def _meta(self) -> dict[str, Any]:
@@ -831,7 +858,7 @@ class Record(Saved):
         return kept | ({"raw": {k: list(v) for k, v in self.raw.items()}} if self.raw else {})
 
     def _label(self, text: str, role: str) -> str:
-        unit = self.units.get("x" if role == "reference" else role)
+        unit = self.units.get({"reference": "x", "load": "u"}.get(role, role))
         return f"{text} [{unit}]" if unit else text
 
     def summary(self) -> str:
@@ -846,9 +873,10 @@ class Record(Saved):
             ("time", f"{self.t[0]:.6g} s to {self.t[-1]:.6g} s"),
             ("input", self._span("u", ".6g")),
             ("position", self._span("x", ".6g")),
+            ("load", "" if self.known_load is None else self._span("load", ".6g")),
             ("reference", "yes" if self.reference is not None else "no"),
             ("units", assumed_units(self.units)),
-            *(("channel", self._label(name, name)) for name in self.channels),
+            *(("channel", self._label(one, one)) for one in self.channels if one != "load"),
             ("factors", factors(self.raw)),
             ("quantum", f"{self.quantum:.6g}{unit_x}" if self.quantum else "none seen"),
             ("noise", f"{self.noise:.3g}{unit_x}"),
@@ -869,7 +897,8 @@ class Record(Saved):
     def _span(self, role: str, digits: str) -> str:
         """Range of a channel."""
         values = self._arrays()[role]
-        return f"{values.min():{digits}} to {values.max():{digits}}{self._unit(role)}"
+        unit = self._unit("u" if role == "load" else role)
+        return f"{values.min():{digits}} to {values.max():{digits}}{unit}"
 
     def _repr_html_(self) -> str:
         return table(self._rows(), as_html=True)
@@ -899,6 +928,10 @@ class Record(Saved):
             drawing.shade_stuck(one, self.t, moving, label)
         drawing.legend_above(top)
         bottom.plot(self.t, self.u, "-", color="0.4", lw=0.8, drawstyle="steps-post")
+        if self.known_load is not None:
+            style = {"color": "C1", "lw": 0.8, "drawstyle": "steps-post", "label": "known load"}
+            bottom.plot(self.t, self.known_load, "-", **style)
+            drawing.legend_above(bottom)
         if self.bad["clipped"]:
             upper = self.u > 0.5 * (self.u.min() + self.u.max())
             for side, label in ((~upper, None), (upper, "clipped")):

@@ -152,7 +152,8 @@ def vectors(
             )
         return array
 
-    more = {name: checked(f"channels[{name!r}]", one) for name, one in (channels or {}).items()}
+    given = {n: n if n == "load" else f"channels[{n!r}]" for n in channels or {}}
+    more = {name: checked(given[name], one) for name, one in (channels or {}).items()}
     notes = (NO_DRIVE,) * (u is None)
     u = np.zeros(tv.size) if u is None else u
     if x is None and "v" in more:
@@ -166,6 +167,25 @@ def vectors(
     if tv.size < MIN_SAMPLES:
         raise ValueError(f"{tv.size} samples are too few; at least {MIN_SAMPLES} are needed")
     return found | more, notes
+
+
+def with_load(channels: Any, load: Any) -> Any:
+    """Channels with a known load among them, which is no channel for the caller."""
+    if load is None:
+        return channels
+    if isinstance(channels, Mapping) and "load" in channels:
+        raise ValueError("load is given twice: leave it out of channels")
+    return {**(channels or {}), "load": load}
+
+
+def without_load(units: dict[str, str]) -> dict[str, str]:
+    """Units of the channels; a known load has that of the input."""
+    own = units.get("load")
+    if own is not None and own != units.get("u", own):
+        raise ValueError(
+            f"load is in {own} and u in {units['u']}: they add up, give the load in {units['u']}"
+        )
+    return {role: unit for role, unit in units.items() if role != "load"}
 
 
 # Parts of the rows that may lack a number, or repeat a stamp, and be bridged.
@@ -597,11 +617,16 @@ def _with_lost(t: Floats, u: Floats) -> tuple[Floats, Floats]:
     return np.interp(every, at, t), np.interp(every, at, u)
 
 
+# Channels that are held from one sample to the next.
+_HELD = ("u", "load")
+
+
 def resample(
     found: dict[str, Floats], dt: float, hold: str, interpolation: str
 ) -> dict[str, Floats]:
     """The channels on a uniform grid that starts at t[0]."""
-    t, u = found["t"], found["u"]
+    found = dict(found)
+    t = found["t"]
     one_of("hold", hold, ("zero", "first"))
     one_of("interpolation", interpolation, ("monotone", "linear", "cubic"))
     count = (t[-1] - t[0] + 2 * np.spacing(np.abs(t).max())) / dt + 1e-6
@@ -619,19 +644,21 @@ def resample(
         curve = PchipInterpolator if interpolation == "monotone" else CubicSpline
         return np.asarray(curve(t, values)(inside))
 
-    if hold == "first":
-        held = np.interp(inside, t, u)
-    else:
-        at, drive = _with_lost(t, u)
+    def mean(force: Floats) -> Floats:
+        """A held force over each new sample."""
+        if hold == "first":
+            return np.asarray(np.interp(inside, t, force))
+        at, drive = _with_lost(t, force)
         slack = 1e-6 * dt  # a stamp this close to the grid counts as on it
         first = np.searchsorted(at, grid + slack, side="right") - 1
         last = np.searchsorted(at, grid + dt - slack, side="left") - 1
         impulse = np.concatenate(([0.0], np.cumsum(drive[:-1] * np.diff(at))))
         upto = np.interp(grid, at, impulse), np.interp(grid + dt, at, impulse)
-        beyond = u[-1] * np.maximum(0.0, grid + dt - t[-1])
-        held = np.where(first == last, drive[first], (upto[1] + beyond - upto[0]) / dt)
-    others = {name: smooth(one) for name, one in found.items() if name not in ("t", "u")}
-    return {"t": grid, "u": held} | others
+        beyond = force[-1] * np.maximum(0.0, grid + dt - t[-1])
+        return np.where(first == last, drive[first], (upto[1] + beyond - upto[0]) / dt)
+
+    del found["t"]
+    return {"t": grid} | {k: (mean if k in _HELD else smooth)(one) for k, one in found.items()}
 
 
 _LATEST = 0.1  # s, delay that is looked for

@@ -20,7 +20,9 @@ def test_a_load_that_changes_its_sign_without_a_level_is_passed():
     numbers[axis_step.ALLOWED] = 0.00027000000000000006
     numbers.setflags(write=False)  # as an axis': the run is compiled for each type of array
     memory[axis_step.X], memory[axis_step.V] = start
-    axis_step.run(numbers, arrays.integers, memory, u, dt, True, axis_step.ROOM, np.zeros((4, 2)))
+    axis_step.run(
+        numbers, arrays.integers, memory, u, np.empty(0), dt, True, axis_step.ROOM, np.zeros((4, 2))
+    )
 
     def rate(t, state):
         x, v = state

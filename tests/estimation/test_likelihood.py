@@ -33,7 +33,7 @@ def innovations(axis, u, y, force, reading, good=None, cell=0.0, rested=0.0, w=(
     arrays = axis.arrays(DT)
     out, state = np.zeros((2, y.size)), np.zeros((6, y.size))
     good = np.ones(y.size, bool) if good is None else good
-    signals = [one.view() for one in (u, y, np.array(w), good)]
+    signals = [one.view() for one in (u, np.empty(0), y, np.array(w), good)]
     for one in signals:
         one.setflags(write=False)  # as a record's: the filter is compiled for each type of array
     hybrid.innovations(

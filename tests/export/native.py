@@ -9,6 +9,7 @@ import numpy as np
 
 import dryfric_control as dfc
 from dryfric_control.compiled import compensation
+from dryfric_control.compiled.windowed_runs import NO_FORCE
 from dryfric_control.export import export_c
 from dryfric_control.export.objects import ROOM, Exported, exported
 
@@ -149,7 +150,7 @@ def by_kernel(obj, *inputs, place=0.0) -> np.ndarray:
             out[k, 1] = memory[compensation.FORCE]
     else:
         out = np.empty((n, obj.noutputs))
-        obj.sample_kernel.run(*obj.tables(), obj.memory(place), *inputs, out)
+        obj.sample_kernel.run(*obj.tables(), obj.memory(place), *inputs, NO_FORCE, out)
     return out.T
 
 

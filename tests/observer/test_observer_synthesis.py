@@ -230,3 +230,17 @@ def test_the_observer_runs_its_own_model():
     assert axis.stribeck is not None
     assert design == design and design != other and {design: 1}[design] == 1
     assert "<= true gain <=" in design.summary() and "<table>" in design._repr_html_()
+
+
+def test_gains_do_not_depend_on_the_default_solver_of_cvxpy(monkeypatch):
+    """What cvxpy takes when none is named differs by version, and by what else is installed."""
+    cp = pytest.importorskip("cvxpy")
+    named, solve = [], cp.Problem.solve
+
+    def recorded(self, *args, **options):
+        named.append(options.get("solver"))
+        return solve(self, *args, **options)
+
+    monkeypatch.setattr(cp.Problem, "solve", recorded)
+    design_pi_observer(reference_axis(), DT, **SPEC, method="paper")
+    assert named and set(named) == {cp.CLARABEL}

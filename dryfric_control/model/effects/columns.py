@@ -34,6 +34,7 @@ class View(Protocol):
     v: Floats
     a: Floats
     u: Floats
+    load: Floats  # known force on the mass [N], shape (0,) for none
     direction: Floats  # +1 or -1; 0 at rest
     level: Floats  # Coulomb level [N]
     lift: Floats  # friction over that level, which a Stribeck peak raises
@@ -197,6 +198,7 @@ def difference(axis: Any, view: View) -> Floats:
         arrays = each.arrays(1.0)
         model.append(np.empty(view.x.size))
         accelerations(
-            arrays.numbers, arrays.integers, view.t, view.x, view.v, view.u, sign, model[-1]
-        )
+            arrays.numbers, arrays.integers, view.t, view.x, view.v, view.u, view.load, sign,
+            model[-1],
+        )  # fmt: skip
     return np.where(sign != 0, view.axis.mass * (model[0] - model[1]), 0.0)

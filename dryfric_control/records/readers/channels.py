@@ -25,7 +25,7 @@ ROLES = ("t", "u", "x", "reference")
 MAX_ROWS = 10_000_000  # 0.3 GB for four columns
 EXACT = 2**53  # beyond, float64 leaves whole numbers out
 #: Channels that are kept with a record beside those that it needs.
-EXTRAS = ("v", "a", "x2")
+EXTRAS = ("v", "a", "x2", "load")
 
 # What a column is called.
 _SAID = tomllib.loads(Path(__file__).with_name("headings.toml").read_text(encoding="utf-8"))

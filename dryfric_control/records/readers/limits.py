@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,10 +18,22 @@ def too_long(where: str, max_rows: int) -> str:
 
 
 @contextmanager
+def quiet() -> Iterator[None]:
+    """Libraries log what they make of a damaged file; what a user must know is in the error."""
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        yield
+    finally:
+        logging.disable(before)
+
+
+@contextmanager
 def refused_if_damaged(path: Path, what: str) -> Iterator[None]:
     """Whatever a library raises on a damaged file, as one error that names it."""
     try:
-        yield
+        with quiet():
+            yield
     except ImportError:
         raise
     except Exception as problem:

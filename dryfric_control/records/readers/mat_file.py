@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.io import loadmat
 
 from dryfric_control.records.readers.channels import Wanted
 from dryfric_control.records.readers.limits import refused_if_damaged
@@ -40,6 +39,8 @@ def read_mat(path: Path, wanted: Wanted) -> dict[str, Any]:
     with refused_if_damaged(path, "MAT-file of version 4 to 7"):
         # Version 4 begins with a small number in one byte order or the other, later ones with text.
         if 0 in content[:4] and content[126:128] not in (b"IM", b"MI"):
+            from scipy.io import loadmat  # not at an import of the package, which it slows down
+
             found = loadmat(path, appendmat=False)
         else:
             found = _variables(content)

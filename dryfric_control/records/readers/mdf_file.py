@@ -13,8 +13,8 @@ from dryfric_control.records.readers.log_file import Channel, LogFile
 class MdfFile(LogFile):
     """Channels of an MDF file, each on the clock of its group.
 
-    ``to_dataframe(raster=...)`` of the library is not used: it has its stamps go through single
-    precision, which shifts rows by a sample (8.8.28).
+    ``to_dataframe(raster=...)`` of the library is not used: where a file does not begin at 0 s,
+    half of its rows may be one sample old (8.8.28, ``findings/mdf_raster.sh``).
     """
 
     kind = "MDF file"

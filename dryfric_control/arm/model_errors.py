@@ -1,0 +1,428 @@
+"""What is wrong with the model of an arm: masses, centres of mass and a payload.
+
+The force that the joints need beyond the model, at samples in which they slide, is linear in the
+inertial parameters of the links (Atkeson, An and Hollerbach 1986)::
+
+    u_j - tau_j = friction of joint j + sum_l Y_jl (p_l - nominal p_l) + noise
+
+with the same smoothing of both sides.  Friction of each joint takes part by its own columns, model
+errors by columns that all joints share: so an error is named once, not as a gravity of each joint.
+An error joins if the evidence of the linear model, with normal distributions of what a model may be
+off, grows by more than a cause must explain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from dryfric_control.arm.rigid_model import Link, Motion
+from dryfric_control.arrays import Floats, Ints
+from dryfric_control.estimation.force_residual import Sliding
+from dryfric_control.text import Result, documented, stated
+
+if TYPE_CHECKING:
+    from dryfric_control.arm.arm_records import ArmRecords
+
+#: Gain of the logarithm of the evidence from which an error is one, as for a cause of a diagnosis.
+LEAST_GAIN = 6.0
+# Difference of evidence below which another error is an alternative.
+_ALIKE = 3.0
+# Standard deviations of what may be off: mass of a link (part of it), its centre (part of its
+# distance from the joint, and a length besides [m]), payload [kg], and its distance from the frame
+# of the last link [m].
+_MASS, _CENTRE, _CENTRE_MORE, _PAYLOAD, _REACH = 0.15, 0.1, 0.01, 5.0, 0.3
+# The same of columns of a joint: armature, over the mean inertia; offset of the drive, Stribeck
+# parts, over the Coulomb level; part of the transmitted force; scale of the drive.
+_ARMATURE, _OFFSET, _PEAK, _BY_LOAD, _GAIN = 0.3, 0.1, 0.5, 0.2, 0.1
+# Velocities of Stribeck parts, over the usual large velocity.
+_PEAKS = (0.03, 0.1, 0.3)
+# Standard deviation of the moment of inertia of a payload about its own centre [kg m^2].
+_OWN_INERTIA = 2e-3
+# Most searches for the place of a payload, the change that ends them [m], and the least mass there
+# [kg].
+_TURNS, _SETTLED, _LEAST = 10, 1e-4, 0.05
+# Largest distance of a payload from the frame of its link, in each direction [m].
+_FARTHEST = 1.0
+# Standard errors from which a mass among those of all links is named.
+_SURE = 2.0
+# Most samples of a joint, rounds of weights, residuals a block, and degrees of freedom of Student's
+# distribution.
+_MOST, _ROUNDS, _BLOCK, _FREEDOM = 3000, 4, 10, 4.0
+
+
+class Compact(NamedTuple):
+    """A payload about which a regression is linear; without a place, any body."""
+
+    mass: float = 0.0
+    place: Floats | None = None
+
+    def columns(self, regressor: Floats) -> tuple[Floats, Floats]:
+        """Columns of its parameters, shape (nrows, k), and their standard deviations beforehand."""
+        if self.place is None:
+            return regressor, _PAYLOAD * np.array([1.0, *[_REACH] * 3, *[_REACH**2] * 6])
+        # Of a mass m at p: 1, m p and second moments; about p = place + shift, m fixed there.
+        columns = np.zeros((10, 5))
+        columns[0, 0], columns[1:4, 0] = 1.0, self.place
+        columns[4:, 0] = second_moments(self.place)
+        for k in range(3):
+            ends = (second_moments(self.place + s * np.eye(3)[k]) for s in (0.5, -0.5))
+            columns[1 + k, 1 + k] = self.mass
+            columns[4:, 1 + k] = self.mass * np.subtract(*ends)
+        columns[4:7, 4] = 1.0
+        return regressor @ columns, np.array([_PAYLOAD, *[_REACH] * 3, _OWN_INERTIA])
+
+    def body(self, mean: Floats) -> tuple[float, Floats, Floats]:
+        """Mass, place and second moments at an estimate of its parameters."""
+        if self.place is None:
+            return float(mean[0]), mean[1:4] / max(float(mean[0]), _LEAST), mean[4:]
+        mass, place = float(mean[0]), self.place + mean[1:4] * self.mass / max(mean[0], _LEAST)
+        second = mass * second_moments(place)
+        second[:3] += mean[4]
+        return mass, place, second
+
+
+def second_moments(place: Floats) -> Floats:
+    """Second moments of 1 kg at a place, in the order of the inertial parameters."""
+    x, y, z = place
+    return np.array([y * y + z * z, x * x + z * z, x * x + y * y, -x * y, -x * z, -y * z])
+
+
+class Group(NamedTuple):
+    """Columns that act together: one possible error."""
+
+    kind: str  # "mass", "centre", "payload" of a link, "masses" of all, "drive" of a joint
+    of: str  # name of the link or joint
+    columns: Floats  # shape (nrows, k), each for a deviation of 1
+    spread: Floats  # standard deviations before the record is seen, shape (k,)
+    payload: Compact | None = None
+
+    @property
+    def name(self) -> str:
+        """Such as "mass of upper"."""
+        return {
+            "mass": "mass of {}", "masses": "masses of all links", "payload": "payload at {}",
+            "centre": "centre of mass of {}", "drive": "scale of the drive of {}",
+        }[self.kind].format(self.of)  # fmt: skip
+
+
+@documented
+@dataclass(frozen=True, eq=False, repr=False)
+class ModelError(Result):
+    """An error of the model of an arm; made by `diagnose_arm`."""
+
+    kind: str = stated('"mass", "centre" (of mass) or "payload".')
+    link: str = stated("Link of the model.")
+    value: float = stated("True mass over that of the model; for a payload its mass [kg]; else 1.")
+    standard_error: float = stated("Standard error of the value.")
+    place: tuple[float, ...] = stated(
+        "Shift of the centre of mass, or place of the payload, in the frame of the link [m]; () "
+        "for a mass."
+    )
+    place_errors: tuple[float, ...] = stated("Standard errors of the place [m].")
+    moments: tuple[float, ...] = stated(
+        "Second moments of a payload about the frame of the link, xx, yy, zz, xy, xz, yz [kg m^2]; "
+        "else ()."
+    )
+    gain: float = stated("Gain of the logarithm of the evidence.")
+    alternatives: tuple[str, ...] = stated("Errors that explain the record as well.")
+    named: bool = stated(
+        "Whether it is sure by itself; else the motion shows it with other masses alone.", True
+    )
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong, in words."""
+        where = ", ".join(f"{1e3 * x:.0f}" for x in self.place)
+        if self.kind == "payload":
+            text = (
+                f"payload {self.value:.3g} ± {self.standard_error:.2g} kg at {self.link}, at "
+                f"({where}) mm of its frame"
+            )
+        elif self.kind == "mass":
+            percent = 100.0 * (self.value - 1.0)
+            text = f"mass of {self.link} {percent:+.1f} ± {100 * self.standard_error:.1f} %"
+        else:
+            text = f"centre of mass of {self.link} off by ({where}) mm"
+        others = f"; or as well {' or '.join(self.alternatives)}" if self.alternatives else ""
+        return text + others
+
+    def _shown(self) -> list[str]:
+        return [self.sentence]
+
+
+class Rows(NamedTuple):
+    """Samples in which joints slide, one joint after the other."""
+
+    y: Floats  # force beyond the model, shape (nrows,)
+    joint: Ints  # number of the joint
+    own: Floats  # columns of the friction of the joints, shape (nrows, k)
+    spread: Floats  # standard deviations of their coefficients beforehand, inf for any
+    regressor: Floats  # shape (nrows, nlinks, 10)
+    force: Floats  # of the model without friction
+
+
+def find_model_errors(records: ArmRecords) -> tuple[ModelError, ...]:
+    """Errors of the model that the records of all joints show together.
+
+    Parameters
+    ----------
+    records : ArmRecords
+        Records of the joints, with the coupling of the nominal model.
+    """
+    # On small matrices, threads cost more than they gain.
+    with threadpool_limits(1):
+        return _found(records)
+
+
+def _found(records: ArmRecords) -> tuple[ModelError, ...]:
+    links = records.arm.links()
+    rows = sliding_rows(records, links)
+    joints, payloads = records.arm.joints, {link.name: Compact() for link in links if link.last}
+    for _ in range(_TURNS):
+        regression = Regression(rows, groups_of(rows, links, joints, payloads))
+        payloads, change = regression.payloads(payloads)
+        if change < _SETTLED:
+            break
+    regression = Regression(rows, groups_of(rows, links, joints, payloads))
+    chosen = regression.search()
+    return tuple(regression.errors(chosen))
+
+
+def sliding_rows(records: ArmRecords, links: Sequence[Link]) -> Rows:
+    """Rows of the regression of all joints."""
+    arm = records.arm
+    parts, spreads = [], []
+    for j, (axis, record) in enumerate(records.values()):
+        sliding = Sliding(record, smooth_drive=True)
+        step = max(sliding.smoothing // 2, sliding.t.size // _MOST, 1)
+        pick = np.searchsorted(record.t, sliding.t)[::step]
+        u, direction = sliding.u[::step], sliding.direction[::step].astype(float)
+        motion = Motion(*(one[pick] for one in records.motion))
+        force, _ = arm.forces(motion)
+        regressor = arm.regressor(motion, links)[:, j]
+        v, a = motion.v[:, j], motion.a[:, j]
+        level = axis.coulomb.mean
+        fast = float(np.quantile(np.abs(v), 0.9)) if v.size else 1.0
+        peaks = [direction * np.exp(-((v / (part * fast)) ** 2)) for part in _PEAKS]
+        # By the model and a first friction: the measured drive in a column would explain itself.
+        plain = np.stack([direction, v], axis=1)
+        friction = plain @ np.linalg.lstsq(plain, u - force[:, j], rcond=None)[0]
+        carried = direction * np.abs(2.0 * force[:, j] - axis.mass * a + friction)
+        own = np.stack([direction, v, a, np.ones(v.size), carried, *peaks], axis=1)
+        spreads += [
+            math.inf, math.inf, _ARMATURE * axis.mass, _OFFSET * level, _BY_LOAD,
+            *[_PEAK * level] * len(peaks),
+        ]  # fmt: skip
+        parts.append((u - force[:, j], np.full(v.size, j), own, regressor, force[:, j]))
+    count = [part[2].shape[1] for part in parts]
+    own = np.zeros((sum(part[0].size for part in parts), sum(count)))
+    row = column = 0
+    for part in parts:
+        own[row : row + part[0].size, column : column + part[2].shape[1]] = part[2]
+        row, column = row + part[0].size, column + part[2].shape[1]
+    y, joint, regressor, force = (np.concatenate([part[i] for part in parts]) for i in (0, 1, 3, 4))
+    return Rows(y, joint, own, np.array(spreads), regressor, force)
+
+
+def groups_of(
+    rows: Rows, links: Sequence[Link], joints: Sequence[str], payloads: Mapping[str, Compact]
+) -> list[Group]:
+    """What may be wrong."""
+    found = []
+    for i, link in enumerate(links):
+        own = rows.regressor[:, i]
+        if link.mass > 0.0:
+            found.append(Group("mass", link.name, own @ link.inertial[:, None], np.array([_MASS])))
+            reach = _CENTRE * float(np.linalg.norm(link.inertial[1:4])) / link.mass + _CENTRE_MORE
+            shift = link.mass * own[:, 1:4]
+            found.append(Group("centre", link.name, shift, np.full(3, reach)))
+        if link.last:
+            columns, spread = payloads[link.name].columns(own)
+            found.append(Group("payload", link.name, columns, spread, payloads[link.name]))
+    masses = np.concatenate([one.columns for one in found if one.kind == "mass"], axis=1)
+    some = ", ".join(one.of for one in found if one.kind == "mass")
+    found.append(Group("masses", some, masses, np.full(masses.shape[1], _MASS)))
+    for j, joint in enumerate(joints):
+        # A drive that acts by a factor 1 + g of what was recorded: all forces are in ratio to it.
+        # Not by columns of the drive, which with masses of none would explain any record.
+        scale = np.where(rows.joint == j, -rows.force, 0.0)
+        found.append(Group("drive", joint, scale[:, None], np.array([_GAIN])))
+    return found
+
+
+class Solved(NamedTuple):
+    """Estimate of a group."""
+
+    mean: Floats
+    covariance: Floats
+
+
+class Regression:
+    """Linear model of all joints with any of the groups of columns.
+
+    Parameters
+    ----------
+    rows : Rows
+    groups : sequence of Group
+    """
+
+    def __init__(self, rows: Rows, groups: Sequence[Group]) -> None:
+        self.rows, self.groups = rows, list(groups)
+        self._columns = np.concatenate([rows.own, *(group.columns for group in groups)], axis=1)
+        spread = np.concatenate([rows.spread, *(group.spread for group in groups)])
+        self._precision = 1.0 / spread**2
+        ends = rows.own.shape[1] + np.cumsum([group.spread.size for group in groups])
+        self._at = [np.arange(e - g.spread.size, e) for e, g in zip(ends, groups, strict=True)]
+        self._weigh(np.ones(rows.y.size), np.ones(rows.y.size))
+        self._settle(range(len(self.groups)))
+
+    def _weigh(self, noise: Floats, weight: Floats) -> None:
+        """Normal equations of all columns, at the noise and weight of each row."""
+        scale = weight / noise**2
+        self._normal = self._columns.T @ (self._columns * scale[:, None])
+        self._right = self._columns.T @ (self.rows.y * scale)
+
+    def _settle(self, some: Sequence[int]) -> None:
+        """Noise of each joint, and weights of Student's distribution, with some of the groups."""
+        noise, weight = np.ones(self.rows.y.size), np.ones(self.rows.y.size)
+        for _ in range(_ROUNDS):
+            pick = self._pick(some)
+            found = np.linalg.solve(self._information(pick), self._right[pick])
+            left = self.rows.y - self._columns[:, pick] @ found
+            for j in range(int(self.rows.joint.max(initial=-1)) + 1):
+                mine = self.rows.joint == j
+                e = left[mine]
+                spread = 1.4826 * float(np.median(np.abs(e))) or 1e-12
+                weight[mine] = (_FREEDOM + 1.0) / (_FREEDOM + (e / spread) ** 2)
+                # What is correlated over rows counts as fewer of them.
+                noise[mine] = spread * math.sqrt(_correlated(e, weight[mine]))
+            self._weigh(noise, weight)
+
+    def _pick(self, some: Iterable[int]) -> Ints:
+        """Columns of the friction, and of some groups."""
+        own = np.arange(self.rows.own.shape[1])
+        return np.concatenate([own, *(self._at[i] for i in some)])
+
+    def _information(self, pick: Ints) -> Floats:
+        """Normal matrix of columns with what is known beforehand."""
+        normal = self._normal[np.ix_(pick, pick)] + np.diag(self._precision[pick])
+        # No column may be without any information.
+        normal[np.diag_indices_from(normal)] += 1e-10 * np.diag(normal) + 1e-12
+        return np.asarray(normal)
+
+    def evidence(self, some: Iterable[int]) -> float:
+        """Logarithm of the probability of the rows, up to a constant."""
+        pick = self._pick(some)
+        normal, right, precision = self._information(pick), self._right[pick], self._precision[pick]
+        fit = float(right @ np.linalg.solve(normal, right))
+        volume = float(np.linalg.slogdet(normal)[1] - np.log(precision[precision > 0.0]).sum())
+        return 0.5 * (fit - volume)
+
+    def search(self) -> list[int]:
+        """Groups with evidence beside each other."""
+        chosen: list[int] = []
+        now = self.evidence(chosen)
+        while len(chosen) < len(self.groups):
+            kinds = {self.groups[i].kind for i in chosen}
+            rest = [
+                i for i, group in enumerate(self.groups)
+                if i not in chosen and not (group.kind == "mass" and "masses" in kinds)
+            ]  # fmt: skip
+            gains = [self._gain([*chosen, i], now) for i in rest]
+            best = int(np.argmax(gains))
+            if gains[best] < LEAST_GAIN:
+                break
+            chosen.append(rest[best])
+            now += gains[best]
+            for i in list(chosen):
+                without = [k for k in chosen if k != i]
+                if i != chosen[-1] and now - self.evidence(without) < LEAST_GAIN:
+                    chosen, now = without, self.evidence(without)
+        return chosen
+
+    def payloads(self, before: Mapping[str, Compact]) -> tuple[dict[str, Compact], float]:
+        """Payloads beside masses of links, and the change of their places [m]."""
+        some = [i for i, group in enumerate(self.groups) if group.kind in ("masses", "payload")]
+        solved, found, change = self.solved(some), dict[str, Compact](), 0.0
+        for i in some:
+            group = self.groups[i]
+            if group.payload is None:
+                continue
+            mass, place, _ = group.payload.body(solved[i].mean)
+            mass = max(mass, _LEAST)
+            last = before[group.of].place
+            place = np.clip(place, -_FARTHEST, _FARTHEST)
+            change = max(change, math.inf if last is None else float(np.abs(place - last).max()))
+            found[group.of] = Compact(mass, place)
+        return found, change
+
+    def _gain(self, some: Sequence[int], before: float) -> float:
+        """Gain of evidence by the last of some groups; none by a payload that is no mass."""
+        last = some[-1]
+        if self.groups[last].kind == "payload" and self.solved(some)[last].mean[0] <= 0.0:
+            return -math.inf
+        return self.evidence(some) - before
+
+    def solved(self, chosen: Sequence[int]) -> dict[int, Solved]:
+        """Estimates of the chosen groups."""
+        pick = self._pick(chosen)
+        covariance = np.asarray(np.linalg.inv(self._information(pick)), dtype=float)
+        mean, at, found = covariance @ self._right[pick], self.rows.own.shape[1], {}
+        for i in chosen:
+            part = slice(at, at + self.groups[i].spread.size)
+            found[i] = Solved(mean[part], covariance[part, part])
+            at = part.stop
+        return found
+
+    def errors(self, chosen: Sequence[int]) -> Iterator[ModelError]:
+        """The chosen groups as errors of the model; the drive of a joint is none."""
+        now, solved = self.evidence(chosen), self.solved(chosen)
+        for i in chosen:
+            group, (mean, covariance) = self.groups[i], solved[i]
+            if group.kind == "drive":
+                continue
+            without = [k for k in chosen if k != i]
+            others = tuple(
+                one.name for k, one in enumerate(self.groups)
+                if k not in chosen and not {one.kind, group.kind} == {"mass", "masses"}
+                and now - self.evidence([*without, k]) < _ALIKE
+            )  # fmt: skip
+            gain, unsure = now - self.evidence(without), np.sqrt(np.diag(covariance))
+            yield from _errors(group, mean, unsure, gain, others)
+
+
+def _errors(
+    group: Group, mean: Floats, unsure: Floats, gain: float, others: tuple[str, ...]
+) -> Iterator[ModelError]:
+    """Errors of a group: one, or one of each link whose mass is surely another."""
+    if group.kind == "centre":
+        place, by = tuple(mean.tolist()), tuple(unsure.tolist())
+        yield ModelError("centre", group.of, 1.0, 0.0, place, by, (), gain, others)
+    elif group.payload is not None:
+        mass, centre, second = group.payload.body(mean)
+        yield ModelError(
+            "payload", group.of, mass, float(unsure[0]), tuple(centre.tolist()),
+            tuple(unsure[1:4].tolist()), tuple(second.tolist()), gain, others,
+        )  # fmt: skip
+    else:
+        for link, off, by in zip(group.of.split(", "), mean, unsure, strict=True):
+            named = group.kind == "mass" or abs(off) > _SURE * by
+            yield ModelError(
+                "mass", link, 1.0 + float(off), float(by), (), (), (), gain, others, named
+            )  # fmt: skip
+
+
+def _correlated(e: Floats, weight: Floats) -> float:
+    """Variance of means of blocks of rows, over that of independent rows; at least 1."""
+    count = e.size // _BLOCK
+    if count < 4:
+        return 1.0
+    blocks = (e * weight)[: count * _BLOCK].reshape(count, _BLOCK)
+    single = float(np.mean(blocks**2))
+    return max(float(np.mean(blocks.sum(axis=1) ** 2)) / (_BLOCK * single), 1.0) if single else 1.0

@@ -1,0 +1,161 @@
+"""A log that MuJoCo made: records with the coupling, errors of the model, and logs that are wrong."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dryfric_control as dfc
+
+mujoco = pytest.importorskip("mujoco")
+
+
+DATA = Path(__file__).parents[2] / "docs" / "data"
+MODEL, LOG = DATA / "six_joints.xml", DATA / "six_joints.csv"
+#: Coulomb level, viscous coefficient and payload with which `docs/make_arm.py` made the log.
+TRUE = {
+    "pan": (7.0, 9.0), "lift": (8.0, 10.0), "elbow": (5.0, 6.0), "wrist1": (1.8, 1.2),
+    "wrist2": (1.6, 1.1), "wrist3": (1.4, 0.9),
+}  # fmt: skip
+PAYLOAD, PLACE = 0.8, (0.0, 0.12, 0.0)
+
+
+@pytest.fixture(scope="module")
+def log():
+    names = LOG.read_text().split("\n", 1)[0].split(",")
+    return dict(zip(names, np.loadtxt(LOG, delimiter=",", skiprows=1).T, strict=True))
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    return dfc.arm_records(MODEL, LOG)
+
+
+@pytest.fixture(scope="module")
+def errors(nominal):
+    return nominal.model_errors()
+
+
+def test_a_payload_that_the_model_lacks_is_named_once(errors):
+    assert [(one.kind, one.link) for one in errors] == [("payload", "hand")]
+    assert errors[0].value == pytest.approx(PAYLOAD, rel=0.02)
+    np.testing.assert_allclose(errors[0].place, PLACE, atol=3e-3)  # 2 % of the lever
+    assert "payload 0.8" in errors[0].sentence
+
+
+def test_without_it_the_friction_is_that_of_each_joint(nominal, errors):
+    for joint, (axis, record) in nominal.without(errors).items():
+        found = dfc.fit(axis, record, starts=1)
+        level, viscous = TRUE[joint]
+        # 1 %: at 100 Hz a breakaway of another joint is smeared over five samples.
+        assert found.parameters["coulomb"] == pytest.approx(level, rel=0.01)
+        assert found.parameters["viscous"] == pytest.approx(viscous, rel=0.01)
+        assert found.parameters["mass"] == pytest.approx(axis.mass, rel=0.01)
+    assert "coupling of the model" in record.notes[-1]
+
+
+def test_a_known_payload_leaves_nothing_to_find():
+    records = dfc.arm_records(MODEL, LOG, payload={"hand": (PAYLOAD, PLACE)})
+    assert records.model_errors() == ()
+    table = records.summary()
+    assert "pan" in table and "load RMS" in table and records.to_dict()["lift"]["load_rms"] > 30.0
+
+
+def test_a_link_that_is_heavier_than_its_model():
+    lighter, factor = MODEL.read_text(), 6.9 / 8.2
+    for old, new in (
+        ('mass="8.2"', 'mass="6.9"'),
+        ('"0.03 0.22 0.22"', f'"{0.03 * factor} {0.22 * factor} {0.22 * factor}"'),
+    ):
+        assert old in lighter
+        lighter = lighter.replace(old, new)
+    model = mujoco.MjModel.from_xml_string(lighter)
+    records = dfc.arm_records(model, LOG, payload={"hand": (PAYLOAD, PLACE)})
+    (found,) = records.model_errors()
+    assert (found.kind, found.link) == ("mass", "upper")
+    assert found.value == pytest.approx(1.0 / factor, rel=0.02)
+
+
+def without(log, *joints):
+    return {k: v for k, v in log.items() if k.split(".")[0] not in joints}
+
+
+def test_joints_that_are_missing_or_held(log):
+    with pytest.raises(
+        ValueError, match="joint 'wrist3' and the log has none.*held=.*another robot"
+    ):
+        dfc.arm_records(MODEL, without(log, "wrist3"))
+    held = dfc.arm_records(MODEL, without(log, "wrist3"), held={"wrist3": 0.3})
+    assert list(held) == ["pan", "lift", "elbow", "wrist1", "wrist2"]
+    still = log | {"pan.position": np.full(log["time"].size, 0.2)}
+    with pytest.raises(ValueError, match="constant") as caught:
+        dfc.arm_records(MODEL, still)
+    assert 'held={"pan": its position}' in caught.value.__notes__[0]
+
+
+def test_units_that_are_not_those_of_the_model(log):
+    limited = mujoco.MjModel.from_xml_string(
+        MODEL.read_text().replace('name="lift"', 'name="lift" range="-3 1"')
+    )
+    degrees = {k: np.rad2deg(v) if "position" in k else v for k, v in log.items()}
+    with pytest.raises(ValueError, match='lift: positions run .* degrees .*"x": "deg"'):
+        dfc.arm_records(limited, degrees)
+    amperes = {k.replace("effort", "effort [A]"): v for k, v in log.items()}
+    with pytest.raises(ValueError, match="pan: u is in 'A', the model needs 'N m'.*Scaling"):
+        dfc.arm_records(MODEL, amperes)
+    by_joint = {joint: dfc.Scaling(torque_constant=1.0) for joint in TRUE}
+    found = dfc.arm_records(MODEL, amperes, scaling=by_joint)
+    np.testing.assert_allclose(found.records["lift"].u, log["lift.effort"])
+    weak = log | {"lift.effort": 0.01 * log["lift.effort"]}
+    with pytest.raises(ValueError, match="lift: the model needs .* another robot's"):
+        dfc.arm_records(MODEL, weak)
+
+
+def test_numbers_and_rows_that_are_lost(log, nominal):
+    hole = log | {
+        "elbow.position": np.where(np.arange(log["time"].size) == 50, np.nan, log["elbow.position"])
+    }
+    with pytest.raises(ValueError, match=r"row|sample|x\[50\]") as caught:
+        dfc.arm_records(MODEL, hole)
+    assert "in joint elbow" in caught.value.__notes__[0]
+    kept = np.random.default_rng(1).random(log["time"].size) > 0.01
+    kept[[0, -1]] = True
+    found = dfc.arm_records(MODEL, {k: v[kept] for k, v in log.items()}, dt=0.01)
+    assert found.records["pan"].bad["filled"] > 10
+    a, b = (one.records["lift"].known_load for one in (found, nominal))
+    assert np.sqrt(np.mean((a - b) ** 2)) < 0.03 * np.sqrt(np.mean(b**2))
+
+
+def test_joints_with_stamps_of_their_own_are_put_on_one_clock(log, nominal):
+    records = {joint: dfc.read_record(log, joint=joint, name=joint) for joint in TRUE}
+    fine = records["elbow"]
+    # The same motion, read 5 ms later by a clock that says so.
+    later = fine.t + 5e-3
+    x = np.interp(later, fine.t, fine.x)
+    records["elbow"] = dfc.Record(
+        later, np.interp(later, fine.t, fine.u), x, units=dict(fine.units)
+    )
+    with pytest.warns(
+        dfc.RecordWarning, match="stamps of their own .*elbow begins 0.005 s after pan"
+    ):
+        found = dfc.arm_records(MODEL, records)
+    at = found.records["lift"].t
+    np.testing.assert_allclose(at, found.records["elbow"].t)
+    expected = np.interp(at, nominal.records["lift"].t, nominal.records["lift"].known_load)
+    off = found.records["lift"].known_load - expected
+    assert np.sqrt(np.mean(off**2)) < 0.05 * np.std(expected)  # the acceleration between samples
+
+
+def test_steps_and_stretches_that_do_not_fit(log):
+    records = {joint: dfc.read_record(log, joint=joint, name=joint) for joint in TRUE}
+    with pytest.raises(
+        ValueError, match="lift has a step of 0.02 s and pan one of 0.01 s: give one"
+    ):
+        dfc.arm_records(MODEL, records | {"lift": records["lift"].decimated(2)})
+    moved = dfc.Record(records["lift"].t + 20.0, records["lift"].u, records["lift"].x)
+    with pytest.raises(ValueError, match="only .* s in common"):
+        dfc.arm_records(MODEL, records | {"lift": moved})
+    with pytest.raises(ValueError, match="scaling must be"):
+        dfc.arm_records(MODEL, log, scaling=3.0)
+    with pytest.raises(ValueError, match="scaling: the model has no joint 'hip'"):
+        dfc.arm_records(MODEL, log, scaling={"hip": dfc.Scaling()})

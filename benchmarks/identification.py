@@ -33,6 +33,8 @@ DATA = ROOT.parent / "shared" / "data"
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "identification")]
 import truth  # noqa: E402  (the independent bench lives with the tests)
 
+#: White noise on the recorded drive, in parts of the Coulomb level.
+NOISES = (0.0, 0.02, 0.05, 0.1, 0.2)
 #: What a record of `coverage` has beside its axis: parts of the Coulomb level as white
 #: noise on u and as cogging that the axis of the fit lacks; sampling time [s].
 CONDITIONS = {
@@ -47,6 +49,8 @@ CONDITIONS = {
     "noise, 50 um": (0.03, 0.0, 1e-3),
     "cogging, 50 um": (0.0, 0.05, 1e-3),
     "noise, Stribeck free": (0.03, 0.0, 1e-3),
+    **{f"drive noise {100 * part:g} %": (part, 0.0, 1e-3) for part in NOISES},
+    **{f"drive noise {100 * part:g} %, Stribeck free": (part, 0.0, 1e-3) for part in NOISES},
 }
 
 

@@ -23,9 +23,14 @@ _MEDIAN = 0.6745 * math.sqrt(6.0)
 _ROUNDED = 1.5
 
 
+def noise_of(u: Floats) -> float:
+    """Standard deviation of the white noise of an input, by its second differences."""
+    return float(np.median(np.abs(np.diff(u, 2)))) / _MEDIAN
+
+
 def without_noise(u: Floats, width: float) -> Floats:
     """Input without the white noise recorded with it; intervals of `width` standard errors."""
-    noise = float(np.median(np.abs(np.diff(u, 2)))) / _MEDIAN
+    noise = noise_of(u)
     return _smoothed(u, noise, width, _SURELY * noise) if width > 0.0 else u
 
 

@@ -48,6 +48,14 @@ def _inverse(normal: Floats, away: Floats) -> Floats:
     return np.asarray(basis @ inner @ basis.T)
 
 
+def newton_step(g: Floats, h: Floats, prior: Floats, away: Floats) -> Floats:
+    """Step of the parameters against which blocks with gradients g and normal matrices h push."""
+    total = h.sum(axis=0)
+    if away.shape[0] == total.shape[0]:
+        return np.zeros(total.shape[0])
+    return np.asarray(_inverse(total + np.diag(prior), away) @ g.sum(axis=0))
+
+
 def jackknife(g: Floats, h: Floats, prior: Floats, away: Floats) -> Floats:
     """Covariance from leaving out one block at a time, linearised.
 

@@ -30,6 +30,7 @@ from dryfric_control.estimation.scoring import FEW, LAST, SOME, continued, looke
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.identification.identifiability import cannot_tell
+from dryfric_control.identification.input_error import input_bias
 from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction_curve import draw_curve
@@ -541,10 +542,13 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
     problem, count = found.problem, first.size
     z, low, high = (part[:count] for part in (found.z, problem.low, problem.high))
     gradients = found.gradients[:, :count]
+    bias = input_bias(found) if acting else np.zeros_like(gradients)
+    gradients = gradients - bias
     normals = found.curvature() * found.information[:, :count, :count]
     prior = _prior(problem.parameters) + problem.prior_terms(found.z)[2][:count]
     away = uncertainty.unseen(normals.sum(axis=0), found.information_of)
     covariance = uncertainty.jackknife(gradients, normals, prior, away)
+    z = np.clip(z + uncertainty.newton_step(bias, normals, prior, away), low, high)
     if away.size:
         # What the record leaves open stays as near to the nominal values as it can.
         basis = np.linalg.qr(away.T)[0]

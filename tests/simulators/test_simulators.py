@@ -172,7 +172,8 @@ def test_names_of_blocks_are_names_in_matlab(tmp_path, name):
     assert len(lines) == 4
     for line in lines:
         text = re.match(
-            r"set_param\((\[.*?\]|char\(\d+\)|'(?:[^']|'')*'), '\w+', '[^']*', '\w+', '[^']*'\);$", line
+            r"set_param\((\[.*?\]|char\(\d+\)|'(?:[^']|'')*'), '\w+', '[^']*', '\w+', '[^']*'\);$",
+            line,
         )
         pieces = re.findall(r"'((?:[^']|'')*)'|char\((\d+)\)", text[1])
         assert "".join(t.replace("''", "'") or chr(int(n)) for t, n in pieces) == name

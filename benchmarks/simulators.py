@@ -153,6 +153,7 @@ PACKAGES = {
 }
 TITLES = ("Coulomb and viscous", "Stribeck 40 %", "drag", "presliding 2 mrad")
 STEP = 1e-3  # s
+LIMIT = 300.0  # s, for the replays of one environment
 
 
 def hinges():
@@ -344,9 +345,14 @@ def others(folder):
             venv.create(folder / name, with_pip=True)
             subprocess.run([python, "-m", "pip", "install", "--quiet", *packages], check=True)
         command = [python, __file__, "replay", name, str(folder)]
-        ran = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
-        lines = [line for line in ran.stdout.splitlines() if line.startswith('["')]
-        rows += map(json.loads, lines)
+        try:
+            ran = subprocess.run(
+                command, stdout=subprocess.PIPE, text=True, check=False, timeout=LIMIT
+            )
+            lines = [line for line in ran.stdout.splitlines() if line.startswith('["')]
+            rows += map(json.loads, lines)
+        except subprocess.TimeoutExpired:
+            rows.append((name, *["not finished"] * len(TITLES)))
         print(f"{name}: {time.monotonic() - began:.0f} s", file=sys.stderr)
     for row in [("simulator and file", *TITLES), 5 * ("---",), *rows]:
         print(f"| {' | '.join(row)} |")

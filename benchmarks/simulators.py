@@ -136,8 +136,242 @@ def random_joints(joints):
     return good
 
 
-if __name__ == "__main__":
+# --- every simulator, in an environment of its own -------------------------------------------
+
+#: Packages of each environment.
+PACKAGES = {
+    "mujoco32": ["mujoco==3.2.7"],
+    "mujoco40": ["mujoco==4.0.0"],
+    "pinocchio": ["pin==4.1.0"],
+    "drake": ["drake==1.51.1"],
+    "pybullet": ["pybullet==3.2.7", "numpy", "--only-binary=:all:"],
+    "newton": ["newton[sim]==1.8.0"],
+}
+TITLES = ("Coulomb and viscous", "Stribeck 40 %", "drag", "presliding 2 mrad")
+STEP = 1e-3  # s
+LIMIT = 300.0  # s, for the replays of one environment
+
+
+def hinges():
+    """Hinges of 0.1 kg m^2 with 1 N m of friction."""
+    import dryfric_control as dfc
+
+    plain = dfc.FrictionAxis(
+        mass=0.1, viscous=0.1, coulomb=1.0, stick_speed=1e-4, units=("rad", "N m"), name="joint"
+    )
+    made = (
+        plain,
+        plain.replace(stribeck=dfc.Stribeck(0.4, 0.3)),
+        plain.replace(effects=(dfc.effects.QuadraticDrag(0.05),)),
+        plain.replace(effects=(dfc.effects.Presliding(2e-3, bristles=1.0),)),
+    )
+    return dict(zip(TITLES, made, strict=True))
+
+
+def urdf_text(inertia):
+    """A URDF model of one joint, whose links bring all of the inertia."""
+    moments = " ".join(f'{name}="{inertia}"' for name in ("ixx", "iyy", "izz"))
+    return (
+        '<robot name="bench">\n  <link name="base"/>\n  <link name="link">\n    <inertial>'
+        f'<mass value="1"/><inertia {moments} ixy="0" ixz="0" iyz="0"/></inertial>\n  </link>\n'
+        '  <joint name="joint" type="continuous">\n    <parent link="base"/><child link="link"/>'
+        '<axis xyz="0 0 1"/>\n  </joint>\n</robot>\n'
+    )
+
+
+def write_cases(folder):
+    """Files, drive and positions of each hinge."""
+    import dryfric_control as dfc
+
+    t = STEP * np.arange(round(SECONDS / STEP))
+    u = 1.6 * np.sin(3.1 * t) + 0.7 * np.sin(7.3 * t + 0.5)
+    for i, axis in enumerate(hinges().values()):
+        for dialect in ("3.2", "4.0"):
+            path = folder / f"{i}-{dialect}.xml"
+            path.write_text(model_text(SHARE * axis.mass, STEP))
+            dfc.to_mjcf(axis, path, dialect=dialect, stiff=True)
+        path = folder / f"{i}.urdf"
+        path.write_text(urdf_text(axis.mass))
+        dfc.simulators.to_urdf(axis, path)
+        now, later = positions(axis, u, STEP, True)
+        np.savez(folder / f"{i}.npz", u=u, now=now, later=later)
+
+
+def pinocchio_run(path, u):
+    """aba with the friction data of the model, which aba itself leaves out."""
+    import pinocchio as pin
+
+    urdf = path.suffix == ".urdf"
+    model = (pin.buildModelFromUrdf if urdf else pin.buildModelFromMJCF)(str(path))
+    model.gravity.setZero()
+    data, q, v = model.createData(), pin.neutral(model), np.zeros(1)
+    x, angle = np.empty(u.size), 0.0
+    for k, torque in enumerate(u):
+        x[k] = angle
+        free = v + STEP * pin.aba(model, data, q, v, np.array([torque]) - model.damping * v)
+        inertia = pin.crba(model, data, q)[0, 0]
+        most = STEP * model.upperDryFrictionLimit / inertia
+        v = np.sign(free) * np.maximum(np.abs(free) - most, 0.0)
+        q, angle = pin.integrate(model, q, STEP * v), angle + STEP * v[0]
+    return x
+
+
+def drake_run(path, u):
+    """MultibodyPlant in discrete time."""
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.systems.analysis import Simulator
+
+    plant = MultibodyPlant(STEP)
+    Parser(plant).AddModels(str(path))
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, 0.0])
+    if path.suffix == ".urdf":
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    plant.Finalize()
+    simulator = Simulator(plant)
+    context, port = (
+        simulator.get_mutable_context(),
+        plant.get_applied_generalized_force_input_port(),
+    )
+    x = np.empty(u.size)
+    for k, torque in enumerate(u):
+        x[k] = plant.GetPositions(context)[0]
+        port.FixValue(context, [torque])
+        simulator.AdvanceTo((k + 1) * STEP)
+    return x
+
+
+def pybullet_run(path, u):
+    """Motor and its own damping off, torque applied."""
+    import pybullet
+
+    pybullet.connect(pybullet.DIRECT)
+    pybullet.setTimeStep(STEP)
+    body = pybullet.loadURDF(
+        str(path), useFixedBase=True, flags=pybullet.URDF_USE_INERTIA_FROM_FILE
+    )
+    pybullet.setJointMotorControl2(body, 0, pybullet.VELOCITY_CONTROL, force=0.0)
+    pybullet.changeDynamics(body, 0, linearDamping=0.0, angularDamping=0.0)
+    x = np.empty(u.size)
+    for k, torque in enumerate(u):
+        x[k] = pybullet.getJointState(body, 0)[0]
+        pybullet.setJointMotorControl2(body, 0, pybullet.TORQUE_CONTROL, force=torque)
+        pybullet.stepSimulation()
+    pybullet.disconnect()
+    return x
+
+
+def newton_run(path, u, solver):
+    """A solver of Newton, on the processor."""
+    import newton
+    import warp
+
+    warp.config.quiet = True
+    builder = newton.ModelBuilder()
+    (builder.add_urdf if path.suffix == ".urdf" else builder.add_mjcf)(str(path))
+    model = builder.finalize(device="cpu")
+    options = {"use_mujoco_cpu": True} if solver == "SolverMuJoCo" else {}
+    stepper = getattr(newton.solvers, solver)(model, **options)
+    state, after, control = model.state(), model.state(), model.control()
+    newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+    x = np.empty(u.size)
+    for k, torque in enumerate(u):
+        x[k] = state.joint_q.numpy()[-1]
+        control.joint_f.fill_(float(torque))
+        stepper.step(state, after, control, None, STEP)
+        state, after = after, state
+    return x
+
+
+#: What each environment replays: title, ending of the file, and how.
+REPLAYS = {
+    "mujoco32": [("MuJoCo 3.2.7, words of 3.2", "-3.2.xml", mujoco_run)],
+    "mujoco40": [
+        ("MuJoCo 4.0.0, words of 3.2", "-3.2.xml", mujoco_run),
+        ("MuJoCo 4.0.0, words of 4.0", "-4.0.xml", mujoco_run),
+    ],
+    "pinocchio": [
+        ("Pinocchio 4.1.0, aba and its friction data, words of 3.2", "-3.2.xml", pinocchio_run),
+        ("the same, words of 4.0", "-4.0.xml", pinocchio_run),
+    ],
+    "drake": [
+        ("Drake 1.51.1, MJCF, words of 3.2", "-3.2.xml", drake_run),
+        ("the same, words of 4.0", "-4.0.xml", drake_run),
+        ("Drake 1.51.1, URDF", ".urdf", drake_run),
+    ],
+    "pybullet": [("PyBullet 3.2.7, URDF", ".urdf", pybullet_run)],
+    "newton": [
+        ("Newton 1.8.0, SolverMuJoCo, words of 3.2", "-3.2.xml", "SolverMuJoCo"),
+        ("the same, words of 4.0", "-4.0.xml", "SolverMuJoCo"),
+        ("Newton 1.8.0, SolverFeatherstone, words of 3.2", "-3.2.xml", "SolverFeatherstone"),
+    ],
+}
+
+
+def replay(name, folder):
+    """Rows of one environment, as a line of JSON each: title, and an error or reason a hinge."""
+    for title, ending, run in REPLAYS[name]:
+        row = []
+        for i in range(len(TITLES)):
+            data = np.load(folder / f"{i}.npz")
+            path = folder / f"{i}{ending}"
+            try:
+                if isinstance(run, str):
+                    x = newton_run(path, data["u"], run)
+                elif run is mujoco_run:
+                    x = mujoco_run(path, data["u"], STEP)
+                else:
+                    x = run(path, data["u"])
+                row.append(f"{min(off(x, data['now']), off(x, data['later'])):.2g}")
+            except (RuntimeError, ValueError, NotImplementedError) as problem:
+                print(f"{title}, {TITLES[i]}: {problem}", file=sys.stderr)
+                row.append("refused")
+        print(json.dumps([title, *row]), flush=True)
+
+
+def others(folder):
+    """Table of all simulators."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_cases(folder)
+    rows = []
+    for name, packages in PACKAGES.items():
+        python = folder / name / "bin" / "python"
+        began = time.monotonic()
+        if not python.exists():
+            venv.create(folder / name, with_pip=True)
+            subprocess.run([python, "-m", "pip", "install", "--quiet", *packages], check=True)
+        command = [python, __file__, "replay", name, str(folder)]
+        try:
+            ran = subprocess.run(
+                command, stdout=subprocess.PIPE, text=True, check=False, timeout=LIMIT
+            )
+            lines = [line for line in ran.stdout.splitlines() if line.startswith('["')]
+            rows += map(json.loads, lines)
+        except subprocess.TimeoutExpired:
+            rows.append((name, *["not finished"] * len(TITLES)))
+        print(f"{name}: {time.monotonic() - began:.0f} s", file=sys.stderr)
+    for row in [("simulator and file", *TITLES), 5 * ("---",), *rows]:
+        print(f"| {' | '.join(row)} |")
+
+
+def main():
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", nargs="?", default="mujoco", choices=["mujoco", "others", "replay"])
+    parser.add_argument("rest", nargs="*")
     parser.add_argument("--joints", type=int, default=JOINTS)
     chosen = parser.parse_args()
-    sys.exit(0 if random_joints(chosen.joints) else 1)
+    if chosen.what == "mujoco":
+        return 0 if random_joints(chosen.joints) else 1
+    if chosen.what == "replay":
+        replay(chosen.rest[0], Path(chosen.rest[1]))
+    elif chosen.rest:
+        others(Path(chosen.rest[0]).resolve())
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            others(Path(folder))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

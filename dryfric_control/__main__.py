@@ -242,6 +242,8 @@ _INTO_MODEL = (
      "joint [kg m^2]; MJCF: computed by MuJoCo if it is installed"),
     ("--stiff", None, None, "MJCF: let joints at rest creep fifty times less",
      {"default": None}),
+    ("--dialect", str, "3.2|4.0", "MJCF: version of MuJoCo whose words are used, by default that "
+     "which is installed", {"choices": ["auto", "3.2", "4.0"]}),
 )  # fmt: skip
 #: How records are read, and what a diagnosis may rely on.
 _READING = (
@@ -394,7 +396,7 @@ def _joints(chosen: Namespace) -> int:
     write_file(folder / "joints.json", json.dumps(found.to_dict(), indent=1))
     if model:
         kind = _SIMULATORS[model.suffix.lower()]
-        given = _given(chosen, "load", "stiff") if kind == "mjcf" else {}
+        given = _given(chosen, "load", "stiff", "dialect") if kind == "mjcf" else {}
         put = getattr(simulators, f"to_{kind}")
         print(put(found, model, out=folder / model.name, **given).summary(), flush=True)
     for name, one in found.items():
@@ -462,8 +464,11 @@ def _simulator(chosen: Namespace) -> None:
         raise ValueError(
             f"--model {chosen.model} has no extension of {', '.join(_SIMULATORS)}: give --to"
         )
-    given = _given(chosen, "load", "stiff", "out")
-    for option, right in (("load", "mjcf isaac"), ("stiff", "mjcf"), ("out", "mjcf urdf modelica")):
+    given = _given(chosen, "load", "stiff", "dialect", "out")
+    for option, right in (
+        ("load", "mjcf isaac"), ("stiff", "mjcf"), ("dialect", "mjcf"),
+        ("out", "mjcf urdf modelica"),
+    ):  # fmt: skip
         if option in given and kind not in right.split():
             right = right.replace(" ", " and ")
             raise ValueError(f"--{option} is for {right}, not {kind}: leave it out")

@@ -45,6 +45,8 @@ def fuzz(
         turn = first_seed
         while time.monotonic() < end:
             for name, sound in files.items():
+                if time.monotonic() > end:
+                    break
 
                 @seed(turn)
                 @settings(

@@ -642,7 +642,9 @@ def resample(
         if interpolation == "linear":
             return np.asarray(np.interp(inside, t, values))
         curve = PchipInterpolator if interpolation == "monotone" else CubicSpline
-        return np.asarray(curve(t, values)(inside))
+        # Readings of damaged files; what is not finite is refused when the record is made.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(curve(t, values)(inside))
 
     def mean(force: Floats) -> Floats:
         """A held force over each new sample."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats, Ints
 
-# Changes that a staircase has at least, and its longest tread [samples].
+# Changes that a staircase has at least, and its longest stay at one value [samples].
 _CHANGES = 40
 _LONGEST = 200
 # Largest distance of a change from the even clock of all of them [samples].

@@ -12,8 +12,12 @@ end, so that its positions are those of half a step later: both readings are pri
 from __future__ import annotations
 
 import argparse
+import json
+import subprocess
 import sys
 import tempfile
+import time
+import venv
 from pathlib import Path
 
 import numpy as np

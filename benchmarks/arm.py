@@ -100,6 +100,9 @@ def main() -> None:
         truth = arm_truth.Truth()
         if chosen.what in ("wrong", "diagnose"):
             truth = wrong(seed, not chosen.no_play)
+        if chosen.what == "sysid":  # the friction that its model has
+            plain = [one._replace(excess=0.0, by_load=0.0) for one in truth.friction]
+            truth = arm_truth.Truth(friction=tuple(plain))
         if chosen.what == "pinocchio":
             import arm_pinocchio
 
@@ -109,7 +112,7 @@ def main() -> None:
         if chosen.what == "sysid":
             import arm_sysid
 
-            arm_sysid.compare(model, log, truth, seed, chosen.seconds)
+            arm_sysid.compare(model, log, truth, seed)
             continue
         if chosen.what == "diagnose":
             start = time.perf_counter()

@@ -331,8 +331,6 @@ def _known_force(plant, t):
 def set_known_force(plant, t, dt, force, k, first):
     """Set the known force of sample k, which begins at t: held, or linear if `first`."""
     n = force.shape[0]
-    if n == 0:
-        return
     rate = (force[min(k + 1, n - 1)] - force[k]) / dt if first else 0.0
     second = plant.integers[N_NUMBERS]  # with two masses, of the one with friction; else 0
     for i in (0, second):
@@ -1341,7 +1339,8 @@ def run(numbers, integers, memory, u, known, dt, first, room, out):
     plant = point(own, integers)
     state = pointer(memory)
     n = u.shape[0]
-    set_known_force(plant, 0.0, dt, known, 0, first)
+    if known.shape[0] > 0:
+        set_known_force(plant, 0.0, dt, known, 0, first)
     # The initial mode is set without recording a switch.
     state[MODE] = outputs(plant, 0.0, dt, state, u[0])[2]
     events = np.empty(64 * room)
@@ -1350,13 +1349,15 @@ def run(numbers, integers, memory, u, known, dt, first, room, out):
         if 3 * count[LISTED] + room > events.shape[0]:
             events = longer_list(events, count)
         t, end = k * dt, u[k + 1] if first else u[k]
-        set_known_force(plant, t, dt, known, k, first)
+        if known.shape[0] > 0:  # to hand an array on counts its references
+            set_known_force(plant, t, dt, known, k, first)
         out[0, k] = reading(plant, t, state)
         out[1, k], out[2, k], out[3, k] = sample(
             plant, t, dt, u[k], end, state, pointer(events), pointer(count)
         )
     t = (n - 1) * dt
-    set_known_force(plant, t, dt, known, n - 1, first)
+    if known.shape[0] > 0:
+        set_known_force(plant, t, dt, known, n - 1, first)
     out[0, n - 1] = reading(plant, t, state)
     out[1, n - 1], out[2, n - 1], out[3, n - 1] = outputs(plant, t, dt, state, u[n - 1])
     # The numbers must outlive the plant, which points to them.

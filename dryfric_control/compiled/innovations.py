@@ -733,7 +733,8 @@ def _innovations(
     """`innovations` of the first n samples from a place in the play, -1 to 1; nan: unknown."""
     numbers = given.copy()
     plant = step.point(numbers, integers)
-    step.set_known_force(plant, t0, dt, known, 0, first)
+    if known.shape[0] > 0:
+        step.set_known_force(plant, t0, dt, known, 0, first)
     # One array, which the loop keeps alive: an array handed on would be counted at each call.
     memory = np.zeros(size + step.ROOM + 10)
     m = step.pointer(memory)
@@ -786,7 +787,8 @@ def _innovations(
     out[0, 0], out[1, 0] = 0.0, 0.0
     for k in range(1, n):
         t = t0 + (k - 1) * dt
-        step.set_known_force(plant, t, dt, known, k - 1, first)
+        if known.shape[0] > 0:
+            step.set_known_force(plant, t, dt, known, k - 1, first)
         end = u[k] if first else u[k - 1]
         x, v, mode = memory[step.X], memory[step.V], int(memory[step.MODE])
         before = v = v + memory[step.SLIP] if on_load else v

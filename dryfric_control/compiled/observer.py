@@ -258,5 +258,6 @@ def run(
     tables = _point(numbers, matrices, gains, transitions, own, axis_integers)
     state, rows = axis_step.pointer(memory), axis_step.pointer(out)
     for k in range(u.shape[0]):
-        axis_step.set_known_force(tables.plant, k * numbers[DT], numbers[DT], known, k, False)
+        if known.shape[0] > 0:
+            axis_step.set_known_force(tables.plant, k * numbers[DT], numbers[DT], known, k, False)
         _sample(tables, state, k * numbers[DT], u[k], y[k], rows, OUTPUTS * k)

@@ -166,7 +166,8 @@ def _begin(run, w, i, x0, v0, inner):
     """
     plant, memory, a, rest = run.plant, run.memory, w.edges[i], w.rest[i]
     state = axis_step.pointer(memory)
-    axis_step.set_known_force(plant, w.t0 + a * w.dt, w.dt, w.known, a, w.first)
+    if w.known.shape[0] > 0:
+        axis_step.set_known_force(plant, w.t0 + a * w.dt, w.dt, w.known, a, w.first)
     memory[:] = 0.0
     memory[axis_step.X], memory[axis_step.V] = x0, v0
     rested = inner[axis_step.N_INNER]
@@ -226,7 +227,8 @@ def _free_run(run, w, i, x0, v0, inner, out):
         run.count[0] = 0
         end = w.u[min(k + 1, last)] if w.first else w.u[k]
         t = w.t0 + k * w.dt
-        axis_step.set_known_force(run.plant, t, w.dt, w.known, k, w.first)
+        if w.known.shape[0] > 0:
+            axis_step.set_known_force(run.plant, t, w.dt, w.known, k, w.first)
         axis_step.sample(run.plant, t, w.dt, w.u[k], end, state, switches, counted)
         if k + 1 < b:
             out[k + 1] = axis_step.reading(run.plant, w.t0 + (k + 1) * w.dt, state)

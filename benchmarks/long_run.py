@@ -120,7 +120,9 @@ def recoveries(samples: int) -> tuple[list[Recovery], float]:
         windows = [np.arange(a + length, a + length + SPACING // 2) for a in chosen]
         hurt = np.array([(apart[:, window] > usual[:, None]).any(axis=0) for window in windows])
         times = np.array([np.flatnonzero(row)[-1] + 1 for row in hurt if row.any()])
-        thrown = max(apart[0, a : window[-1]].max() for a, window in zip(chosen, windows, strict=True))
+        thrown = max(
+            apart[0, a : window[-1]].max() for a, window in zip(chosen, windows, strict=True)
+        )
         lost = times == SPACING // 2
         quantiles = np.quantile(times[~lost], (0.5, 0.95, 1.0)) if np.any(~lost) else np.zeros(3)
         found.append(

@@ -71,6 +71,33 @@ def run_batch(
     ...     dfc.run_batch(math.sqrt, {"b": 9.0, "c": 16.0}, store=store, progress=False)  # c alone
     {'b': 3.0, 'c': 4.0}
     """
+    _check_batch(function, cases, settings, jobs)
+    keys = {_text("cases", key): key for key in cases}
+    held = json.loads(_text("settings", dict(settings or {})))
+    heading = {"store": _FORMAT, "settings": held}
+    done = {} if store is None else _stored_results(store, heading)
+    left = [text for text in keys if text not in done]
+    if left:
+        work = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(
+            joblib.delayed(_run)(function, text, cases[keys[text]]) for text in left
+        )
+        bar = tqdm(
+            work,
+            desc="batch",
+            unit="case",
+            total=len(keys),
+            initial=len(keys) - len(left),
+            disable=not progress,
+        )
+        with _store_file(store, heading) as file:
+            for text, result in bar:
+                file.write(f'{{"case": {text}, "result": {result}}}\n')
+                done[text] = json.loads(result)
+    return {key: done[text] for text, key in keys.items()}
+
+
+def _check_batch(function: Any, cases: Any, settings: Any, jobs: Any) -> None:
+    """Refuse what `run_batch` cannot run."""
     if not callable(function):
         raise ValueError(f"function must be callable with one case, got {function!r}")
     if not isinstance(cases, Mapping):
@@ -80,45 +107,27 @@ def run_batch(
         )
     if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs == 0):
         raise ValueError(f"jobs must be a whole number other than 0, or None, got {jobs!r}")
-    keys = {_text("cases", key): key for key in cases}
     if settings is not None and not isinstance(settings, Mapping):
         raise ValueError(f"settings must be a mapping of names to values, got {settings!r}")
-    held = json.loads(_text("settings", dict(settings or {})))
-    heading = {"store": _FORMAT, "settings": held}
-    done = {} if store is None else _stored(store, heading)
-    left = [text for text in keys if text not in done]
-    if left:
-        work = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(
-            joblib.delayed(_run)(function, text, cases[keys[text]]) for text in left
-        )
-        bar = tqdm(
-            work, desc="batch", unit="case", total=len(keys), initial=len(keys) - len(left),
-            disable=not progress,
-        )  # fmt: skip
-        with _opened(store, heading) as file:
-            for text, result in bar:
-                file.write(f'{{"case": {text}, "result": {result}}}\n')
-                done[text] = json.loads(result)
-    return {key: done[text] for text, key in keys.items()}
 
 
 def fingerprint(*values: Any, without: tuple[type, ...] = ()) -> str:
     """Short text of what values hold, or of their pickles; classes `without` are passed over."""
-    return str(joblib.hash(_held(values, without)))[:16]
+    return str(joblib.hash(_content(values, without)))[:16]
 
 
-def _held(value: Any, without: tuple[type, ...]) -> Any:
+def _content(value: Any, without: tuple[type, ...]) -> Any:
     """What a value holds, alike for two that hold the same."""
     if isinstance(value, without):
         return None
     if is_dataclass(value) and not isinstance(value, type):
         # By its fields: an object may also hold what it has worked out from them.
-        held = [_held(getattr(value, item.name), without) for item in fields(value)]
+        held = [_content(getattr(value, item.name), without) for item in fields(value)]
         return type(value).__qualname__, held
     if isinstance(value, Mapping):
-        return {key: _held(one, without) for key, one in value.items()}
+        return {key: _content(one, without) for key, one in value.items()}
     if isinstance(value, (tuple, list)):
-        return [_held(one, without) for one in value]
+        return [_content(one, without) for one in value]
     if isinstance(value, np.ndarray) and not value.dtype.hasobject:
         return np.array(value, order="C")
     if isinstance(value, (np.generic, str, int, float, type(None))):
@@ -181,7 +190,7 @@ def _whole_lines(path: Path) -> bytes:
     return raw[: raw.rfind(b"\n") + 1]
 
 
-def _stored(store: str | os.PathLike[str], heading: dict[str, Any]) -> dict[str, Any]:
+def _stored_results(store: str | os.PathLike[str], heading: dict[str, Any]) -> dict[str, Any]:
     """Results that a store holds, by the text of their case."""
     path = file_path("store", store)
     if path.is_dir():
@@ -191,10 +200,11 @@ def _stored(store: str | os.PathLike[str], heading: dict[str, Any]) -> dict[str,
     if not path.exists():
         return {}
     first, *lines = _whole_lines(path).split(b"\n")
-    made = _loaded(first)
+    made = _json_line(first)
     if not isinstance(made, dict) or made.get("store") != _FORMAT:
         raise ValueError(f"store {path} is no store of a batch: {_MEND}")
-    there, here = made.get("settings"), heading["settings"]
+    there = made.get("settings")
+    here = heading["settings"]
     if there != here:
         there = there if isinstance(there, dict) else {}
         names = sorted(n for n in there.keys() | here.keys() if there.get(n) != here.get(n))
@@ -202,21 +212,24 @@ def _stored(store: str | os.PathLike[str], heading: dict[str, Any]) -> dict[str,
         raise ValueError(f"store {path} was made by other settings: {other}; {_MEND}")
     done = {}
     for number, line in enumerate(lines[:-1], start=2):
-        entry = _loaded(line)
-        if not isinstance(entry, dict) or entry.keys() != {"case", "result"}:
+        entry = _json_line(line)
+        if not isinstance(entry, dict) or entry.keys() != {
+            "case",
+            "result",
+        }:
             raise ValueError(f"store {path} is damaged in line {number}: {_MEND}")
         done[_text("cases", entry["case"])] = entry["result"]
     return done
 
 
-def _loaded(line: bytes) -> Any:
+def _json_line(line: bytes) -> Any:
     try:
         return json.loads(line)
     except (ValueError, RecursionError):
         return None
 
 
-def _opened(store: str | os.PathLike[str] | None, heading: dict[str, Any]) -> IO[str]:
+def _store_file(store: str | os.PathLike[str] | None, heading: dict[str, Any]) -> IO[str]:
     """The store, to which each line is written at once; without one, lines go nowhere."""
     path = Path(os.devnull if store is None else store)
     if store is not None and path.exists():

@@ -139,8 +139,7 @@ def _inverse_input(plant, t, seen, wanted):
     """Drive that the static input effects map to the required force, by secants."""
     if plant.integers[axis_step.N_INPUT] == 0:
         return wanted
-    u = wanted
-    got = axis_step.input_map(plant, t, seen, wanted)
+    u, got = wanted, axis_step.input_map(plant, t, seen, wanted)
     slope = 1.0
     for _ in range(_MOST_SECANTS):
         error = wanted - got
@@ -150,8 +149,7 @@ def _inverse_input(plant, t, seen, wanted):
         after = axis_step.input_map(plant, t, seen, following)
         if abs(following - u) > 0.0:
             slope = min(max((after - got) / (following - u), 0.1), 10.0)
-        u = following
-        got = after
+        u, got = following, after
     return u
 
 
@@ -159,31 +157,23 @@ def _inverse_input(plant, t, seen, wanted):
 def _low_pass(memory, at, corner, dt, value):
     """Second-order low-pass of damping 0.7; its value, slope and curvature."""
     a = corner * math.sqrt(0.5)
-    fade = math.exp(-a * dt)
-    c = math.cos(a * dt)
-    s = math.sin(a * dt)
-    x = memory[at] - value
-    v = memory[at + 1]
+    fade, c, s = math.exp(-a * dt), math.cos(a * dt), math.sin(a * dt)
+    x, v = memory[at] - value, memory[at + 1]
     gone = fade * (x * c + (v / a + x) * s)
     slope = fade * (v * c - (v + 2.0 * a * x) * s)
-    memory[at] = gone + value
-    memory[at + 1] = slope
+    memory[at], memory[at + 1] = gone + value, slope
     return gone + value, slope, -2.0 * a * (a * gone + slope)
 
 
 @njit(cache=True, error_model="numpy")
 def extended(c, memory, y):
     """Extended state observer: position, velocity and resisting force in memory from INNER."""
-    rate = c[VISCOUS] / c[MASS]
-    dt = c[DT]
-    x = memory[INNER]
-    v = memory[INNER + 1]
-    force = memory[INNER + 4] - memory[INNER + 2]
+    rate, dt = c[VISCOUS] / c[MASS], c[DT]
+    x, v, force = memory[INNER], memory[INNER + 1], memory[INNER + 4] - memory[INNER + 2]
     x += dt * (v + 0.5 * dt * (force / c[MASS] - rate * v))
     v += dt * (force / c[MASS] - rate * v)
     error = y - x
-    memory[INNER] = x + c[GAIN_X] * error
-    memory[INNER + 1] = v + c[GAIN_V] * error
+    memory[INNER], memory[INNER + 1] = x + c[GAIN_X] * error, v + c[GAIN_V] * error
     memory[INNER + 2] -= c[GAIN_F] * error
 
 
@@ -208,16 +198,13 @@ def _learn(c, plant, t, memory, y, mode, v, what):
     phi = _peak(c, s * v)
     place = PLUS if mode > 0 else MINUS
     if memory[MODE] != mode:
-        memory[EXPECTED] = -s * what
-        memory[LEVEL_SEEN] = 0.0
-        memory[PEAK_SEEN] = 0.0
+        memory[EXPECTED], memory[LEVEL_SEEN], memory[PEAK_SEEN] = -s * what, 0.0, 0.0
     now = memory[place] + memory[SHARE] * excess * phi
     memory[EXPECTED] += c[LAG] * (now - memory[EXPECTED])
     memory[LEVEL_SEEN] += c[LAG] * (1.0 - memory[LEVEL_SEEN])
     memory[PEAK_SEEN] += c[LAG] * (phi - memory[PEAK_SEEN])
     left = -s * what - memory[EXPECTED]
-    one = memory[LEVEL_SEEN]
-    peak = memory[PEAK_SEEN]
+    one, peak = memory[LEVEL_SEEN], memory[PEAK_SEEN]
     gain = c[RATE] / (1.0 + peak * peak) * left
     band = c[BAND] * level
     memory[place] = min(max(memory[place] + gain * one, -band), band)
@@ -262,12 +249,10 @@ def _follow_reference(c, memory, x, v):
     if lead == 0:
         return x, v, moving
     last = LINE + STRIDE * (lead - 1)
-    now = memory[last]
-    speed = memory[last + 1]
+    now, speed = memory[last], memory[last + 1]
     for i in range(last + STRIDE - 1, LINE + STRIDE - 1, -1):
         memory[i] = memory[i - STRIDE]
-    memory[LINE] = x
-    memory[LINE + 1] = v
+    memory[LINE], memory[LINE + 1] = x, v
     return now, speed, moving
 
 
@@ -280,9 +265,7 @@ def _rest(c, memory, mode, error, moving, forces, level):
     if c[HOLDS] == 0.0:
         return False, False
     if moving or memory[STILL] <= c[LEAD] + 2.0:
-        memory[CORRECTIONS] = 0.0
-        memory[HELD] = 0.0
-        memory[MEAN_ERROR] = error
+        memory[CORRECTIONS], memory[HELD], memory[MEAN_ERROR] = 0.0, 0.0, error
         return False, False
     memory[MEAN_ERROR] += c[MEAN] * (error - memory[MEAN_ERROR])
     if memory[HELD] == 0.0 and mode != 0 and memory[MODE] == 0.0:
@@ -300,8 +283,7 @@ def _rest(c, memory, mode, error, moving, forces, level):
     ):
         most = c[HOLD_SHARE] * level
         held = min(max(memory[MEAN_DRIVE] - forces, -most), most)
-        memory[HELD] = 1.0
-        memory[HELD_DRIVE] = forces + held
+        memory[HELD], memory[HELD_DRIVE] = 1.0, forces + held
     return mode == 0 and abs(error) <= wide, memory[HELD] != 0.0
 
 
@@ -322,8 +304,7 @@ def _feedforward_delay(c, memory, forward):
 def _initial_state(c, memory, x, v, y, watch):
     """First sample: assumes that the axis has followed the reference so far, or rests."""
     if memory[DIRECTION] == 0.0:
-        v = 0.0
-        memory[DIRECTION] = 1.0
+        v, memory[DIRECTION] = 0.0, 1.0
         memory[SHARE] = c[EXCESS]
         for i in range(int(c[LEAD])):
             memory[LINE + STRIDE * i] = x
@@ -331,46 +312,8 @@ def _initial_state(c, memory, x, v, y, watch):
         v = memory[watch - STRIDE + 1]
     memory[AHEAD] = x
     if c[SOURCE] == EXTENDED:
-        memory[INNER] = y
-        memory[INNER + 1] = v
-    memory[watch + observer.XHAT] = y
-    memory[watch + observer.VHAT] = v
-
-
-@axis_step.internal
-def _friction_residual(c, plant, t, memory, seen, y, mode, moving):
-    """Friction that the learned levels leave [N], where the axis slides with the reference."""
-    if mode == 0:
-        return 0.0
-    left = _learn(c, plant, t, memory, y, mode, seen[observer.VHAT], seen[observer.WHAT])
-    if moving and mode == memory[DIRECTION]:
-        return c[RESIDUAL] * mode * left
-    return 0.0
-
-
-@njit(cache=True, error_model="numpy")
-def _damping(c, memory, error, level):
-    """Velocity gain; none where an elastic contact brakes, which delayed feedback would excite."""
-    resting = memory[STILL] > c[LEAD] + 2.0
-    if c[BUILD] > 0.0 and resting and abs(c[KP] * error) < _CONTACT_FORCE * level:
-        return 0.0
-    return c[KD]
-
-
-@njit(cache=True, error_model="numpy")
-def _integrate(c, memory, error, resting):
-    """Advance the integral by the error, at rest by a bounded one."""
-    taken = min(max(error, -c[SLOW]), c[SLOW]) if resting else error
-    memory[INTEGRAL] += c[KI] * c[DT] * taken
-
-
-@njit(cache=True, error_model="numpy")
-def _update_means(c, memory, moving, given):
-    """Advance the means of the integral while sliding and of the drive at rest."""
-    if moving:
-        memory[SLIDING] += c[MEAN] * (memory[INTEGRAL] - memory[SLIDING])
-    keep = 1.0 - c[MEAN] if memory[STILL] > 0.0 else 0.0
-    memory[MEAN_DRIVE] = keep * memory[MEAN_DRIVE] + (1.0 - keep) * given
+        memory[INNER], memory[INNER + 1] = y, v
+    memory[watch + observer.XHAT], memory[watch + observer.VHAT] = y, v
 
 
 @njit(cache=True, error_model="numpy")
@@ -408,7 +351,12 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
         mode = int(seen[observer.MODE])
         extended(c, memory, -error)
         speed -= c[SPEED_SHARE] * (memory[INNER + 1] + speed)
-        friction += _friction_residual(c, plant, t, memory, seen, y, mode, moving)
+        if mode != 0:
+            left = _learn(
+                c, plant, t, memory, y, mode, seen[observer.VHAT], seen[observer.WHAT]
+            )  # fmt: skip
+            if moving and mode == memory[DIRECTION]:
+                friction += c[RESIDUAL] * mode * left
     elif c[SOURCE] != NOTHING:
         friction += c[RESIDUAL] * disturbance(c, memory, y)
         if c[SOURCE] == EXTENDED:
@@ -420,7 +368,15 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     other = axis_step.coulomb_level(plant, later, ahead, 0.0, 0.0, -memory[DIRECTION], 0.0)
     least = min(level, other)
     integral_held, drive_held = _rest(c, memory, mode, error, moving, forward, least)
-    linear = c[KP] * error + _damping(c, memory, error, level) * speed
+    damping = c[KD]
+    if (
+        c[BUILD] > 0.0
+        and memory[STILL] > c[LEAD] + 2.0
+        and abs(c[KP] * error) < _CONTACT_FORCE * level
+    ):
+        # The elastic contact brakes; a delayed velocity feedback would excite it.
+        damping = 0.0
+    linear = c[KP] * error + damping * speed
     known = linear + forward + friction
     resting = c[HOLDS] != 0.0 and memory[STILL] > c[SETTLE]
     if c[HOLDS] != 0.0 and not resting:
@@ -434,26 +390,22 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
         memory[INTEGRAL] = min(max(wanted - known, -c[LIMIT]), c[LIMIT])
     given = min(max(wanted, -c[LIMIT]), c[LIMIT])
     if not (integral_held or drive_held) and wanted == given:
-        _integrate(c, memory, error, resting)
-    _update_means(c, memory, moving, given)
+        taken = min(max(error, -c[SLOW]), c[SLOW]) if resting else error
+        memory[INTEGRAL] += c[KI] * c[DT] * taken
+    if moving:
+        memory[SLIDING] += c[MEAN] * (memory[INTEGRAL] - memory[SLIDING])
+    keep = 1.0 - c[MEAN] if memory[STILL] > 0.0 else 0.0
+    memory[MEAN_DRIVE] = keep * memory[MEAN_DRIVE] + (1.0 - keep) * given
     memory[INNER + 4] = linear if c[SOURCE] == LEARNED else given
     inner = axis_step.pointer(seen)
     u = _inverse_input(plant, t, inner, given)
     if c[SOURCE] == LEARNED:
         stated = np.empty(observer.OUTPUTS)
         observer.step(
-            law.observer_numbers,
-            law.observer_matrices,
-            law.observer_gains,
-            law.observer_transitions,
-            law.observer_axis_numbers,
-            law.observer_axis_integers,
-            seen,
-            t,
-            _inverse_input(plant, t, inner, given + late),
-            y,
-            stated,
-        )
+            law.observer_numbers, law.observer_matrices, law.observer_gains,
+            law.observer_transitions, law.observer_axis_numbers, law.observer_axis_integers,
+            seen, t, _inverse_input(plant, t, inner, given + late), y, stated,
+        )  # fmt: skip
     memory[MODE] = mode
     memory[SAMPLES] += 1.0
     return u

@@ -61,8 +61,7 @@ from dryfric_control.compiled.observer import (
 #: direction, excess over the level, relative error of 1 / mass.
 X, V, PLUS, MINUS, EXCESS_FORCE, INVERSE_MASS_ERROR, STATES = range(7)
 #: A Gaussian: its states, then the lower triangle of its covariance.
-COVARIANCE = STATES
-GAUSSIAN = STATES + STATES * (STATES + 1) // 2
+COVARIANCE, GAUSSIAN = STATES, STATES + STATES * (STATES + 1) // 2
 
 #: Indices of the filter's state: three probabilities (0, +1, -1), then
 (
@@ -126,8 +125,7 @@ def _positive_part(mean, sd):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _cell(e, sd):
     """Likelihood, mean and variance of a normal N(0, sd^2) within the cell e -+ 1/2."""
-    a = (e - 0.5) / sd
-    b = (e + 0.5) / sd
+    a, b = (e - 0.5) / sd, (e + 0.5) / sd
     near = min(abs(a), abs(b))
     if near > _TAIL_START and a * b > 0.0:
         # The tails cancel numerically: use a normal reading of the same variance with a
@@ -137,8 +135,7 @@ def _cell(e, sd):
         likelihood = _density(_TAIL_START) / math.sqrt(total) * (_TAIL_START / near) ** 4
         return likelihood, S / total * e, S * _CELL_VARIANCE / total
     mass = max(_normal_probability(b) - _normal_probability(a), 1e-12)
-    pa = _density(a)
-    pb = _density(b)
+    pa, pb = _density(a), _density(b)
     g = (pa - pb) / mass
     return mass, sd * g, sd * sd * max(1.0 + (a * pa - b * pb) / mass - g * g, 1e-6)
 
@@ -166,8 +163,7 @@ def _truncated_moments(share, mean, variance, mass, middle, within):
     """
     # Of a density that is all tail nothing is left, and no mean is asked for.
     total = max(1.0 - share + share * mass, 1e-30)
-    part = share * mass / total
-    rest = (1.0 - share) / total
+    part, rest = share * mass / total, (1.0 - share) / total
     return (
         total,
         part * middle + rest * mean,
@@ -183,8 +179,7 @@ def _reset_state(s, at, k, mean, variance):
         s[P + k * (k + 1) // 2 + j] = 0.0
     for i in range(k + 1, STATES):
         s[P + i * (i + 1) // 2 + k] = 0.0
-    s[at + k] = mean
-    s[P + k * (k + 3) // 2] = variance
+    s[at + k], s[P + k * (k + 3) // 2] = mean, variance
 
 
 @axis_step.internal
@@ -200,16 +195,13 @@ def _scale_state(s, P, k, factor):
 @axis_step.internal
 def _add_state(s, P, i, k, factor):
     """Add `factor` times state k to state i: the covariance of the sum."""
-    both = P + max(i, k) * (max(i, k) + 1) // 2 + min(i, k)
-    own = P + i * (i + 3) // 2
+    both, own = P + max(i, k) * (max(i, k) + 1) // 2 + min(i, k), P + i * (i + 3) // 2
     s[own] += factor * (2.0 * s[both] + factor * s[P + k * (k + 3) // 2])
     for j in range(STATES):
         if j != i:
-            low = min(j, k)
-            high = max(j, k)
+            low, high = min(j, k), max(j, k)
             shared = s[P + high * (high + 1) // 2 + low]
-            low = min(i, j)
-            high = max(i, j)
+            low, high = min(i, j), max(i, j)
             s[P + high * (high + 1) // 2 + low] += factor * shared
 
 
@@ -227,8 +219,7 @@ def _merge(s, source, mode, probability, new):
     s[at] += probability
     share = probability / s[at]
     keep = 1.0 - share
-    P = into + COVARIANCE
-    N = new + COVARIANCE
+    P, N = into + COVARIANCE, new + COVARIANCE
     for i in range(STATES):
         row = i * (i + 1) // 2
         away = keep * share * (s[new + i] - s[into + i])
@@ -246,15 +237,12 @@ def _condition(s, at, column, change, removed, variance):
     The mean of that state changes by `change`; `variance`, its own plus that of the
     measurement noise, is reduced by the fraction `removed`.
     """
-    P = at + COVARIANCE
-    c = SCRATCH
+    P, c = at + COVARIANCE, SCRATCH
     for i in range(STATES):
-        low = min(i, column)
-        high = max(i, column)
+        low, high = min(i, column), max(i, column)
         s[c + i] = s[P + high * (high + 1) // 2 + low] / variance
     for i in range(STATES):
-        row = P + i * (i + 1) // 2
-        scaled = removed * s[c + i]
+        row, scaled = P + i * (i + 1) // 2, removed * s[c + i]
         for j in range(i + 1):
             s[row + j] -= scaled * s[c + j]
         s[at + i] += s[c + i] * change
@@ -268,8 +256,7 @@ def _make_positive(s, at):
     a semidefinite matrix; a row that explains more than its variance is scaled down
     to it.  Therefore no variance grows.
     """
-    P = at + COVARIANCE
-    L = TRANSFERRED
+    P, L = at + COVARIANCE, TRANSFERRED
     rebuild = False
     for i in range(STATES):
         row = i * (i + 1) // 2
@@ -288,8 +275,7 @@ def _make_positive(s, at):
             fit = math.sqrt(s[P + row + i] / (s[P + row + i] - min(pivot, 0.0)))
             for j in range(i):
                 s[L + row + j] *= fit
-            pivot = 0.0
-            rebuild = True
+            pivot, rebuild = 0.0, True
         s[L + row + i] = pivot
     if not rebuild:
         return
@@ -370,10 +356,7 @@ def _predict_sliding(numbers, s, mode, load, level, slope, turns, back):
     v = s[source + V]
     net = load - side * level * (1.0 + s[source + own] + s[source + EXCESS_FORCE])
     ratio = 1.0 + s[source + INVERSE_MASS_ERROR]
-    a12 = numbers[A12]
-    a22 = numbers[A22]
-    b1 = numbers[B1]
-    b2 = numbers[B2]
+    a12, a22, b1, b2 = numbers[A12], numbers[A22], numbers[B1], numbers[B2]
     gain = b2 * ratio
     change = gain * net
     ahead = a22 * v + change
@@ -381,21 +364,15 @@ def _predict_sliding(numbers, s, mode, load, level, slope, turns, back):
     # Covariance A P A' of the first two rows; the others do not change.
     a12 -= b1 * ratio * slope
     a22 -= gain * slope
-    f1 = -side * level * b1 * ratio
-    f2 = -side * level * gain
-    m1 = b1 * net
-    m2 = b2 * net
-    P = source + COVARIANCE
-    N = SLIDING_PREDICTION + COVARIANCE
-    w = SCRATCH
+    f1, f2 = -side * level * b1 * ratio, -side * level * gain
+    m1, m2 = b1 * net, b2 * net
+    P, N, w = source + COVARIANCE, SLIDING_PREDICTION + COVARIANCE, SCRATCH
     for k in range(STATES):
         pv = s[P + (1 if k == 0 else k * (k + 1) // 2 + 1)]
         px = s[P + k * (k + 1) // 2]
-        low = min(k, own)
-        high = max(k, own)
+        low, high = min(k, own), max(k, own)
         po = s[P + high * (high + 1) // 2 + low]
-        low = min(k, EXCESS_FORCE)
-        high = max(k, EXCESS_FORCE)
+        low, high = min(k, EXCESS_FORCE), max(k, EXCESS_FORCE)
         pe = s[P + high * (high + 1) // 2 + low]
         pr = s[P + 15 + k]
         s[w + k] = px + a12 * pv + f1 * (po + pe) + m1 * pr
@@ -512,8 +489,7 @@ def _correct(numbers, s, mode, y, repeated):
         for k in range(COVARIANCE, GAUSSIAN):
             s[at + k] *= grow
         S = s[P] + noise
-        moved = S / (S + _CELL_VARIANCE) * e
-        kept = S * _CELL_VARIANCE / (S + _CELL_VARIANCE)
+        moved, kept = S / (S + _CELL_VARIANCE) * e, S * _CELL_VARIANCE / (S + _CELL_VARIANCE)
     _condition(s, at, X, moved, S - kept, S)
     for k in range(PLUS, STATES):
         if s[P + k * (k + 3) // 2] > _LARGEST_ERROR_VARIANCE:
@@ -542,11 +518,8 @@ def _predict_modes(numbers, plant, memory, s, t, y):
         here = y / numbers[QUANTUM] - s[at + X]
         s[CELL_MASS + mode], _, _ = _cell(here, math.sqrt(s[at + COVARIANCE]))
         s[CELL_MASS + 3 + mode] = 0.0
-    unit = 1.0 / numbers[FORCE]
-    pace = numbers[QUANTUM] / numbers[DT]
-    drive = s[DRIVE]
-    place = 0.5 * (s[READING] + y)
-    rest = memory[REST]
+    unit, pace = 1.0 / numbers[FORCE], numbers[QUANTUM] / numbers[DT]
+    drive, place, rest = s[DRIVE], 0.5 * (s[READING] + y), memory[REST]
     t -= 0.5 * numbers[DT]
     push = w = _load(plant, t, drive, place, 0.0, 0.0, rest)
     hold = (
@@ -582,73 +555,11 @@ def _predict_modes(numbers, plant, memory, s, t, y):
 
 
 @axis_step.internal
-def _correct_modes(numbers, s, cell, repeated):
-    """Correct every mode by the reading; the likeliest mode and the sum of the likelihoods."""
-    total = 0.0
-    best = 0
-    innovation = 0.0
-    unexpected = 0.0
-    likelihood = -1.0
-    for mode in range(3):
-        e, excess = _correct(numbers, s, mode, cell, repeated)
-        total += s[mode]
-        if s[mode] > likelihood:
-            best = mode
-            likelihood = s[mode]
-            innovation = e
-            unexpected = excess
-    if best == 0 and total < _REFUTING_PROBABILITY and abs(innovation) > _REFUTING_INNOVATION:
-        # No mode explains the reading, and rest least: the axis has moved with a velocity of
-        # the order of this innovation, at a friction that is not known.
-        new = 1 if innovation > 0.0 else 2
-        into = MODE_STATES + new * GAUSSIAN
-        for k in range(GAUSSIAN):
-            s[into + k] = s[MODE_STATES + k]
-        _reset_state(s, into, V, innovation, innovation * innovation)
-        _reset_state(s, into, EXCESS_FORCE, 0.0, numbers[EXCESS] ** 2)
-        total += likelihood - s[new]
-        s[new] = likelihood
-    s[NOISE] += _NOISE_ADAPTATION * (min(max(unexpected, -25.0), 25.0) - s[NOISE])
-    s[INNOVATION] = innovation
-    return best, total
-
-
-@axis_step.internal
-def _mixture_moments(s, total):
-    """Mean position, mean velocity and mean square of the velocity over the modes."""
-    x = 0.0
-    v = 0.0
-    square = 0.0
-    for mode in range(3):
-        s[mode] /= total
-        at = MODE_STATES + mode * GAUSSIAN
-        x += s[mode] * s[at + X]
-        v += s[mode] * s[at + V]
-        square += s[mode] * (s[at + V] ** 2 + s[at + COVARIANCE + 2])
-    return x, v, square
-
-
-@axis_step.internal
-def _friction(plant, memory, s, t, y, best, now):
-    """Friction [N] in the likeliest mode; the friction error into the memory."""
-    w = _load(plant, t, s[DRIVE], y, memory[VHAT], float(now), memory[REST])
-    if now == 0:
-        memory[WHAT] = 0.0
-        return w
-    at = MODE_STATES + best * GAUSSIAN
-    level = now * axis_step.sliding_level(plant, t, y, memory[VHAT], w, float(now))
-    memory[WHAT] = -level * (s[at + PLUS - 1 + best] + s[at + EXCESS_FORCE])
-    return level - memory[WHAT]
-
-
-@axis_step.internal
 def _sample(numbers, plant, memory, t, u, y, out, row):
     s = axis_step.further(memory, LINE + plant.integers[axis_step.N_HISTORY])
-    dt = numbers[DT]
-    cell = y / numbers[QUANTUM]
+    dt, cell = numbers[DT], y / numbers[QUANTUM]
     drive = axis_step.input_map(plant, t, memory, u)
-    ratio_plus = 0.0
-    ratio_minus = 0.0
+    ratio_plus, ratio_minus = 0.0, 0.0
     repeated = memory[NODE] != 0.0 and s[READING] == y
     before = int(memory[MODE])
     if memory[NODE] == 0.0:
@@ -656,8 +567,33 @@ def _sample(numbers, plant, memory, t, u, y, out, row):
         _initial_state(numbers, s, cell)
     else:
         ratio_plus, ratio_minus = _predict_modes(numbers, plant, memory, s, t, y)
-    best, total = _correct_modes(numbers, s, cell, repeated)
-    x, v, square = _mixture_moments(s, total)
+    total, best, surprise, unexpected = 0.0, 0, 0.0, 0.0
+    likely = -1.0
+    for mode in range(3):
+        e, excess = _correct(numbers, s, mode, cell, repeated)
+        total += s[mode]
+        if s[mode] > likely:
+            best, likely, surprise, unexpected = mode, s[mode], e, excess
+    if best == 0 and total < _REFUTING_PROBABILITY and abs(surprise) > _REFUTING_INNOVATION:
+        # No mode explains the reading, and rest least: the axis has moved with a velocity of
+        # the order of this innovation, at a friction that is not known.
+        new = 1 if surprise > 0.0 else 2
+        into = MODE_STATES + new * GAUSSIAN
+        for k in range(GAUSSIAN):
+            s[into + k] = s[MODE_STATES + k]
+        _reset_state(s, into, V, surprise, surprise * surprise)
+        _reset_state(s, into, EXCESS_FORCE, 0.0, numbers[EXCESS] ** 2)
+        total += likely - s[new]
+        s[new] = likely
+    x = v = square = 0.0
+    for mode in range(3):
+        s[mode] /= total
+        at = MODE_STATES + mode * GAUSSIAN
+        x += s[mode] * s[at + X]
+        v += s[mode] * s[at + V]
+        square += s[mode] * (s[at + V] ** 2 + s[at + COVARIANCE + 2])
+    s[NOISE] += _NOISE_ADAPTATION * (min(max(unexpected, -25.0), 25.0) - s[NOISE])
+    s[INNOVATION] = surprise
     # The velocity at rest is within the stick velocity, and decays.
     still = plant.numbers[axis_step.STICK_SPEED] * dt / numbers[QUANTUM]
     still *= math.exp(-plant.numbers[axis_step.STICK_RATE] * memory[REST])
@@ -668,19 +604,20 @@ def _sample(numbers, plant, memory, t, u, y, out, row):
         if 0.9 < ratio < 2.0:
             s[RELEASE] += 0.3 * (ratio - s[RELEASE])
     pace = numbers[QUANTUM] / dt
-    memory[XHAT] = x * numbers[QUANTUM]
-    memory[VHAT] = v * pace
-    memory[MODE] = now
+    memory[XHAT], memory[VHAT], memory[MODE] = x * numbers[QUANTUM], v * pace, now
     memory[REST] = memory[REST] + dt if now == 0 else 0.0
-    s[DRIVE] = mean_drive(plant, dt, memory, drive)
-    s[READING] = y
+    s[DRIVE], s[READING] = mean_drive(plant, dt, memory, drive), y
     shift_drive(plant, dt, memory, drive)
-    friction = _friction(plant, memory, s, t, y, best, now)
-    out[row] = memory[XHAT]
-    out[row + 1] = memory[VHAT]
-    out[row + 2] = friction
-    out[row + 3] = memory[WHAT]
-    out[row + 4] = memory[MODE]
+    w = _load(plant, t, s[DRIVE], y, memory[VHAT], float(now), memory[REST])
+    if now == 0:
+        friction, memory[WHAT] = w, 0.0
+    else:
+        at = MODE_STATES + best * GAUSSIAN
+        level = now * axis_step.sliding_level(plant, t, y, memory[VHAT], w, float(now))
+        memory[WHAT] = -level * (s[at + PLUS - 1 + best] + s[at + EXCESS_FORCE])
+        friction = level - memory[WHAT]
+    out[row], out[row + 1], out[row + 2] = memory[XHAT], memory[VHAT], friction
+    out[row + 3], out[row + 4] = memory[WHAT], memory[MODE]
     out[row + 5] = math.sqrt(max(square - v * v, 0.0)) * pace
     out[row + 6] = math.log(max(total, 1e-300))
 
@@ -697,8 +634,10 @@ def step(numbers, axis_numbers, axis_integers, memory, t, u, y, out):
 def run(numbers, axis_numbers, axis_integers, memory, u, y, out):
     """Run over a whole record, outputs into `out`, one row per sample."""
     plant = axis_step.point(axis_numbers, axis_integers)
-    given = axis_step.pointer(numbers)
-    state = axis_step.pointer(memory)
-    rows = axis_step.pointer(out)
+    given, state, rows = (
+        axis_step.pointer(numbers),
+        axis_step.pointer(memory),
+        axis_step.pointer(out),
+    )
     for k in range(u.shape[0]):
         _sample(given, plant, state, k * numbers[DT], u[k], y[k], rows, OUTPUTS * k)

@@ -13,6 +13,7 @@ from numba import njit
 
 from dryfric_control.compiled import axis_step
 
+#: Rules that determine the mode.
 PAPER = 0
 READING = 1
 FILIPPOV = 2
@@ -121,8 +122,7 @@ def _corrected_level(plant, t, memory, w, y, mode):
 @njit(cache=True, error_model="numpy")
 def _mode_of_automaton(numbers, plant, t, memory, w, y):
     """Mode by the automaton (paper, Fig. 2) on (u, y, vhat), as printed or completed."""
-    mode = int(memory[MODE])
-    v = memory[VHAT]
+    mode, v = int(memory[MODE]), memory[VHAT]
     above = w > _nominal_level(plant, t, memory, w, y, 1.0)
     below = w < -_nominal_level(plant, t, memory, w, y, -1.0)
     if mode == 0:
@@ -157,8 +157,7 @@ def _mode_of_reading(numbers, plant, t, memory, w, y):
     if ahead > 0.0 and -mode * w > _corrected_level(plant, t, memory, w, y, -mode):
         return mode
     memory[WHAT] = 0.0
-    memory[PLACE] = y
-    memory[COUNT] = 1.0
+    memory[PLACE], memory[COUNT] = y, 1.0
     return 0
 
 
@@ -178,14 +177,12 @@ def _addresses(numbers, matrices, gains, transitions, axis_numbers, axis_integer
 @axis_step.internal(forceinline=True)
 def _mode_and_friction(tables, memory, t, u, y):
     """Friction estimate, net force without friction, nominal friction, drive behind effects."""
-    plant = tables.plant
-    numbers = tables.numbers
+    plant, numbers = tables.plant, tables.numbers
     drive = axis_step.input_map(plant, t, memory, u)
     seen = mean_drive(plant, numbers[DT], memory, drive)
     first = memory[NODE] == 0.0
     if first:
-        memory[PLACE] = y
-        memory[COUNT] = 1.0
+        memory[PLACE], memory[COUNT] = y, 1.0
         v = memory[VHAT]
         memory[MODE] = 0.0 if abs(v) <= numbers[STICK_SPEED] else math.copysign(1.0, v)
     before = int(memory[MODE])
@@ -202,8 +199,7 @@ def _mode_and_friction(tables, memory, t, u, y):
         memory[REST] = 0.0
         w = _load(plant, t, memory, seen, y, float(mode))
     if numbers[CURRENT]:
-        g = 3 * (int(memory[NODE]) - 1)
-        error = y - memory[XHAT]
+        g, error = 3 * (int(memory[NODE]) - 1), y - memory[XHAT]
         memory[XHAT] += tables.gains[g] * error
         memory[VHAT] += tables.gains[g + 1] * error
         memory[WHAT] += tables.gains[g + 2] * error
@@ -216,31 +212,19 @@ def _mode_and_friction(tables, memory, t, u, y):
 @axis_step.internal(forceinline=True)
 def _predict(tables, memory, w, nominal, drive, y):
     """Advance the estimate by (7), or without its correction; `memory` in place."""
-    numbers = tables.numbers
-    matrices = tables.matrices
-    gains = tables.gains
-    mode = int(memory[MODE])
-    node = int(memory[NODE]) - 1
-    x = memory[XHAT]
-    v = memory[VHAT]
-    integral = memory[WHAT]
-    error = 0.0 if numbers[CURRENT] else y - x
-    force = w - nominal
-    a = COLUMNS * (mode + 1)
-    g = 3 * node
+    numbers, matrices, gains = tables.numbers, tables.matrices, tables.gains
+    mode, node = int(memory[MODE]), int(memory[NODE]) - 1
+    x, v, integral = memory[XHAT], memory[VHAT], memory[WHAT]
+    error, force = 0.0 if numbers[CURRENT] else y - x, w - nominal
+    a, g = COLUMNS * (mode + 1), 3 * node
     memory[XHAT] = (
-        x
-        + matrices[a + A12] * v
-        + matrices[a + B1] * force
-        + matrices[a + E1] * integral
+        x + matrices[a + A12] * v + matrices[a + B1] * force + matrices[a + E1] * integral
         + gains[g] * error
-    )
+    )  # fmt: skip
     memory[VHAT] = (
-        matrices[a + A22] * v
-        + matrices[a + B2] * force
-        + matrices[a + E2] * integral
+        matrices[a + A22] * v + matrices[a + B2] * force + matrices[a + E2] * integral
         + gains[g + 1] * error
-    )
+    )  # fmt: skip
     memory[WHAT] = integral + gains[g + 2] * error
     if mode == 0:
         memory[REST] += numbers[DT]
@@ -253,11 +237,8 @@ def _predict(tables, memory, w, nominal, drive, y):
 @axis_step.internal(forceinline=True)
 def _sample(tables, memory, t, u, y, out, row):
     friction, w, nominal, drive = _mode_and_friction(tables, memory, t, u, y)
-    out[row] = memory[XHAT]
-    out[row + 1] = memory[VHAT]
-    out[row + 2] = friction
-    out[row + 3] = memory[WHAT]
-    out[row + 4] = memory[MODE]
+    out[row], out[row + 1], out[row + 2] = memory[XHAT], memory[VHAT], friction
+    out[row + 3], out[row + 4] = memory[WHAT], memory[MODE]
     _predict(tables, memory, w, nominal, drive, y)
 
 
@@ -272,7 +253,6 @@ def step(numbers, matrices, gains, transitions, axis_numbers, axis_integers, mem
 def run(numbers, matrices, gains, transitions, axis_numbers, axis_integers, memory, u, y, out):
     """Run over a whole record into `out`, rows xhat, vhat, Fhat, what, mode per sample."""
     tables = _addresses(numbers, matrices, gains, transitions, axis_numbers, axis_integers)
-    state = axis_step.pointer(memory)
-    rows = axis_step.pointer(out)
+    state, rows = axis_step.pointer(memory), axis_step.pointer(out)
     for k in range(u.shape[0]):
         _sample(tables, state, k * numbers[DT], u[k], y[k], rows, OUTPUTS * k)

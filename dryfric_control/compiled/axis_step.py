@@ -519,7 +519,9 @@ def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
     i = plant.integers
     along = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2 or plant.numbers[EXCESS] > 0.0
     turn, lean = abs(k3 - k2), abs(k2 - k1)
-    bend, rise = abs((k1 - k2) - (k3 - k4)), abs(k4 - k1)
+    bend = abs((k1 - k2) - (k3 - k4))
+    # A drive that runs linearly is no variation that a step could miss.
+    rise = abs(k4 - k1 - drive.slope * d * plant.numbers[INVERSE_MASS])
     way = abs(moved)
     stiff = 0.0
     if 0.14 * d * turn * turn * turn > allowed * lean * lean:
@@ -529,7 +531,7 @@ def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
         if drive.fade == 0.0 or bend == 0.0:
             return d * stiff
         # exp(-phi): the second difference over the first is phi/4.
-        ratio = bend / (rise + bend)
+        ratio = min(0.25 * d * drive.rate, 1.0)
         return d * (stiff + 0.53 / 24.0 * bend * ratio * ratio)
     if (
         stiff == 0.0

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import functools
-import logging
 import math
 import os
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -15,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
-from tqdm import tqdm
 
 from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
@@ -48,15 +45,15 @@ from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut, shifted
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import title_of
+from dryfric_control.progress import ProgressLine
 from dryfric_control.records.bad_readings import REASONS
+from dryfric_control.records.read import RecordLike
 from dryfric_control.records.record import Record, told
 from dryfric_control.store.batch import fingerprint, raise_failures, run_batch
 from dryfric_control.text import length_text, percent, see
 from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
-
-_LOG = logging.getLogger("dryfric_control")
 
 # Messages.
 _LINE = (
@@ -96,7 +93,7 @@ NOT_DIAGNOSED = "not diagnosed"
 
 def diagnose(
     axis: FrictionAxis,
-    record: Record | Sequence[Record],
+    record: RecordLike | Sequence[RecordLike],
     *,
     known: Sequence[str] = (),
     tolerance: Mapping[str, float] | None = None,
@@ -113,9 +110,9 @@ def diagnose(
     ----------
     axis : FrictionAxis
         The nominal axis.
-    record : Record or sequence of Record
-        The measured record: time, drive force, position.  Several records of one
-        machine share their causes.
+    record : Record or path-like, or a sequence of them
+        The measured record: time, drive force, position, or the path of its file.  Several
+        records of one machine share their causes.
     known : sequence of str, optional
         Parameters whose nominal values are right, such as ``("mass",)``.
     tolerance : mapping of str to float, optional
@@ -203,18 +200,10 @@ def diagnose(
         name = f"record[{i}]" if several else "record"
         windows.append(_cut(axis, one, window, hold, name, LEAST_WINDOWS // len(records)))
     _check_motion(windows, several)
-    if progress is None:
-        # Other libraries import IPython too: show a bar only in a running shell.
-        shell = sys.modules.get("IPython")
-        progress = sys.stderr.isatty() or (shell is not None and shell.get_ipython() is not None)
-    with tqdm(desc="diagnose", unit="step", disable=not progress) as bar:
+    with ProgressLine("diagnose", progress) as line:
 
         def tell(step: str, causes: Sequence[str] = ()) -> None:
-            bar.set_postfix_str(step)
-            bar.update()
-            if not progress:
-                so_far = ", ".join(causes) or "none"
-                _LOG.info("%s (%.1f s, causes so far: %s)", step, time.monotonic() - begun, so_far)
+            line(step, causes)
             if on_update is not None:
                 on_update(step, tuple(causes))
 

@@ -39,9 +39,10 @@ RESULTS = (
 
 def public_names() -> list[str]:
     """Every name a user may rely on, below `dryfric_control`."""
-    rooms = ("datasets", "effects", "laws", "observer", "presets", "simulators")
+    rooms = ("datasets", "drawing", "effects", "laws", "observer", "presets", "simulators")
     names = [name for name in dryfric_control.__all__ if name not in rooms]
     names += [f"datasets.{name}" for name in datasets.__all__]
+    names.append("drawing.journal")
     names += [f"effects.{name}" for name in effects.__all__]
     names += [f"laws.{name}" for name in laws.__all__]
     names += [f"simulators.{name}" for name in simulators.__all__ if name not in names]

@@ -80,7 +80,7 @@ class ForceRegression(Result):
 
 
 def axis_from(record: RecordLike) -> FrictionAxis:
-    """A first nominal axis where you have none: mass, viscous, Coulomb.
+    """A first nominal axis: mass, viscous and Coulomb friction.
 
     Parameters
     ----------

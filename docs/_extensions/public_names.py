@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from sphinx.environment import BuildEnvironment
 
 
-#: Classes of results where they are made, which everybody reads, and the loops of an observer.
+#: Classes of results where they are made, which everybody reads, the loops of an
+#: observer and the regression of the force.
 RESULTS = (
     "arm.ArmRecords",
     "compensation.certificate.TrackingCertificate",
@@ -22,6 +23,8 @@ RESULTS = (
     "diagnosis.Cause",
     "diagnosis.experiment.Experiment",
     "diagnosis.joints.JointDiagnoses",
+    "identification.ForceRegression",
+    "identification.force_regression",
     "model.axis.AxisStepper",
     "model.responses.Events",
     "model.responses.SimulationResponse",

@@ -82,7 +82,7 @@ class ForceExplorer:
         self._start = axis.effective()
         self._motion = SmoothedMotion.of(record, self._start.mass)
         self._drive = drive_at_the_mass(self._start, record, hold)
-        self._known = known_force(record)
+        self._known = known_force(record, hold)
         at = self._motion.places
         self._shown = slice(None, None, max(1, at.size // _DOTS))
         self._v, self._x = self._motion.v[at], self._motion.x[at]

@@ -1164,7 +1164,7 @@ def is_straight(plant, u0, u1):
     return _next_corner(plant, u0, u1, 0.0) == 1.0
 
 
-@internal
+@internal(forceinline=True)
 def _advance_straight(plant, t, start, end, h, memory, events, count):
     """Move the axis over h, in which the drive before its lag runs from start to end."""
     slope, lag = (end - start) / h, plant.numbers[LAG]
@@ -1178,13 +1178,10 @@ def _advance_straight(plant, t, start, end, h, memory, events, count):
 
 
 @internal
-def _advance_piece(plant, t, u0, u1, h, memory, events, count):
-    """Move the axis over h, in which the input runs from u0 to u1."""
-    start = input_map(plant, t, memory, u0)
-    end = start if u1 == u0 else input_map(plant, t, memory, u1)
-    if is_straight(plant, u0, u1):
-        return _advance_straight(plant, t, start, end, h, memory, events, count)
+def _advance_bent(plant, t, u0, u1, h, memory, events, count):
+    """Move the axis over h, in which the input laws bend between the inputs u0 and u1."""
     # The drive is linear between the inputs at which it bends.
+    start, end = input_map(plant, t, memory, u0), input_map(plant, t, memory, u1)
     seen, part = (0.0, 0.0, 0), 0.0
     for k in range(plant.integers[N_CORNERS] + 1):
         following = _next_corner(plant, u0, u1, part)
@@ -1200,6 +1197,16 @@ def _advance_piece(plant, t, u0, u1, h, memory, events, count):
         if part == 1.0:
             break
     return seen
+
+
+@internal(forceinline=True)
+def _advance_piece(plant, t, u0, u1, h, memory, events, count):
+    """Move the axis over h, in which the input runs from u0 to u1."""
+    if is_straight(plant, u0, u1):
+        start = input_map(plant, t, memory, u0)
+        end = start if u1 == u0 else input_map(plant, t, memory, u1)
+        return _advance_straight(plant, t, start, end, h, memory, events, count)
+    return _advance_bent(plant, t, u0, u1, h, memory, events, count)
 
 
 @njit(cache=True, error_model="numpy")

@@ -509,7 +509,9 @@ class Search:
         found = _doing_as_much(left, mine)
         if remembers or REVERSAL in found:
             found |= {n for n in gram.names if effect_class(n).remembers}
-        return found - {name, REVERSAL}
+        # Beside itself, so that those that act alike are fitted from where the better one ends.
+        found -= {name, REVERSAL}
+        return found | {name} if found else found
 
     def rivals_of_base(self, found: Solution) -> set[str]:
         """Effects that leave as little of the force as another base does, beside a nominal one."""

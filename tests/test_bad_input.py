@@ -18,6 +18,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import control as ct
 import damage
 import joblib
 import numpy as np
@@ -86,7 +87,7 @@ PUBLIC = {
     name: getattr(space, name)
     for space in (dfc, dfc.effects, dfc.laws, dfc.simulators)
     for name in space.__all__
-    if name not in ("datasets", "effects", "laws", "observer", "presets", "simulators")
+    if name not in ("datasets", "drawing", "effects", "laws", "observer", "presets", "simulators")
 }
 for _name in ("ObserverStepper", "observed_loop", "simulate_observed_loop"):
     PUBLIC[_name] = getattr(dfc.observer, _name)
@@ -101,7 +102,7 @@ ARM_LOG = {"t": T, "elbow.effort": U, "elbow.position": X}
 # Names that take nothing from a user: errors and warnings, and objects that the package makes,
 # whose methods take no argument or are in the table under the name of the function.
 NOTHING_TO_SPOIL = {"__version__", "CertificateError", "Compensation", "MotionProfile", "Inner"}
-NOTHING_TO_SPOIL |= {"FitWarning", "RecordWarning"}
+NOTHING_TO_SPOIL |= {"FitWarning", "RecordWarning", "Slopes", "Interval", "Box"}
 NOTHING_TO_SPOIL |= set() if ARM else {"arm_records", "diagnose_arm"}
 # Made by the package: the table spoils the arguments of their methods.
 GIVEN = {"SimulationResponse", "Events", "Diagnosis", "Fit", "Experiment", "ObserverDesign", "Law"}
@@ -126,6 +127,7 @@ FURTHER: dict[str, dict[str, Any]] = {
     "monte_carlo": dict(quantum=1e-6, stribeck_speed=0.01, runs=2, progress=False),
     "FrictionAxis.mode_ss": dict(dt=DT), "AxisStepper.step": dict(u=0.0), "observe": dict(u=U, y=X),
     "ObserverStepper.step": dict(u=0.0, y=0.0), "export_fmu": dict(path="axis.fmu"),
+    "sampled": dict(controller=ct.tf([1.0], [1.0, 1.0])),
     "to_isaac": dict(load=0.0), "arm_records": dict(model=ARM, log=ARM_LOG),
     "diagnose_arm": dict(model=ARM, log=ARM_LOG, progress=False),
 }  # fmt: skip
@@ -279,7 +281,7 @@ rows(
     ("FrictionAxis", dict(units=("m", "kN")), "converted as they are read", "not in 'kN'"),
     ("FrictionAxis", dict(units=("N m", "rad")), "position first", "position cannot be in 'N m'"),
     ("FrictionAxis", dict(units=("rad", "N")), '"N m"'),
-    ("FrictionAxis.replace", dict(weight=1.0), "unexpected keyword", None, TypeError),
+    ("FrictionAxis.replace", dict(weight=1.0), "has no argument", None, TypeError),
     ("FrictionAxis.breakaway", dict(direction=0), r"\+1 or -1"),
     ("FrictionAxis.breakaway", dict(x=["a"]), "array of numbers"),
     ("FrictionAxis.simulate", dict(u=None), r"array of numbers|shape \(n,\)"),
@@ -658,7 +660,7 @@ rows(
     ("diagnose_joints", dict(joints=Each(3, {})), "mapping of names .*not empty"),
     ("diagnose_joints", dict(joints={"elbow": AXIS}), r"\(axis, records\)", _JOINT),
     ("diagnose_joints", dict(joints={"elbow": ("z", RECORD)}), "FrictionAxis", _JOINT + r"\[0\]"),
-    ("diagnose_joints", dict(joints={"elbow": (AXIS, X)}), "read_record", _JOINT + r"\[1\]"),
+    ("diagnose_joints", dict(joints={"elbow": (AXIS, X)}), "path of its file", _JOINT + r"\[1\]"),
     ("diagnose_joints", dict(joints={"elbow": (AXIS, [])}), "at least one", _JOINT + r"\[1\]"),
     ("diagnose_joints", dict(tolerance={"mass": 0.0}), POSITIVE),
     ("fit replay diagnose", dict(window=1e-3), "choose between"),
@@ -667,7 +669,15 @@ rows(
     ("fit diagnose", dict(tolerance={"weight": 0.1}), _BASE),
     ("fit diagnose", dict(known=("mass",), tolerance={"mass": 0.1}), "in one of the two"),
     ("fit", dict(record=[]), "at least one Record", "record"),
-    ("fit", dict(record="run.csv"), "read_record", "got 'run.csv'"),
+    ("sampled", dict(controller=CONTROLLER), "control.StateSpace", "controller"),
+    (
+        "fit replay axis_from",
+        dict(record="/nowhere/run.csv"),
+        "no file",
+        "run.csv",
+        FileNotFoundError,
+    ),
+    ("fit replay axis_from", dict(record=X), "path of its file"),
     ("fit", dict(free=()), "at least one parameter"),
     ("fit", dict(free=("masss",)), "choose from|did you mean"),
     ("fit", dict(free=("mass", "mass")), "more than once"),
@@ -769,6 +779,7 @@ for _name, (_call, _) in SOUND.items():
         if _name not in OTHERWISE:
             _signed = SIGNED.get(_argument, ()) if _annotation.startswith("float") else ()
             _table = (*_signed, *EVERYWHERE.get(_argument, ()))
+            _table = [row for row in _table if row[0] is not None or "None" not in _annotation]
             rows(*((_name, {_argument: bad}, mend) for bad, mend in _table))
         if not UNTYPED & {_argument, f"{_name}.{_argument}"}:
             _says = (

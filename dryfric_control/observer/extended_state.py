@@ -308,5 +308,5 @@ def extended_state_observer(
             bandwidth_gains(own, dt, bandwidth)[1] * quantum,
             own.stick_speed,
         )
-    rest_speed = positive("rest_speed", float(rest_speed), unit=axis.unit("m/s"))
+    rest_speed = positive("rest_speed", rest_speed, unit=axis.unit("m/s"))
     return ExtendedStateObserver(own, dt, quantum, bandwidth, bool(feedforward), rest_speed)

@@ -22,6 +22,9 @@ RESULTS = (
     "diagnosis.Cause",
     "diagnosis.experiment.Experiment",
     "diagnosis.joints.JointDiagnoses",
+    "drawing.journal",
+    "identification.ForceRegression",
+    "identification.force_regression",
     "model.axis.AxisStepper",
     "model.responses.Events",
     "model.responses.SimulationResponse",
@@ -39,7 +42,7 @@ RESULTS = (
 
 def public_names() -> list[str]:
     """Every name a user may rely on, below `dryfric_control`."""
-    rooms = ("datasets", "effects", "laws", "observer", "presets", "simulators")
+    rooms = ("datasets", "drawing", "effects", "laws", "observer", "presets", "simulators")
     names = [name for name in dryfric_control.__all__ if name not in rooms]
     names += [f"datasets.{name}" for name in datasets.__all__]
     names += [f"effects.{name}" for name in effects.__all__]

@@ -232,11 +232,11 @@ def title_above(ax: Any, title: str) -> None:
 
 @contextmanager
 def journal(columns: int = 1, width: float | None = None) -> Iterator[None]:
-    """Style of figures for a journal, in a ``with`` statement around `plot`.
+    """Style of figures for a journal, in a ``with`` statement.
 
-    Within it a new figure has the width of a column and fonts of the size of a caption, embedded
-    as TrueType, and no title, whose place is the caption.  The report of a diagnosis keeps its
-    size.
+    It stands around `plot`: a new figure then has the width of a column and fonts of the size of a
+    caption, embedded as TrueType, and no title, whose place is the caption.  The report of a
+    diagnosis keeps its size.
 
     Parameters
     ----------

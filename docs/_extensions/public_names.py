@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from sphinx.environment import BuildEnvironment
 
 
-#: Classes of results where they are made, which everybody reads, and the loops of an observer.
+#: Classes of results where they are made, which everybody reads, the loops of an
+#: observer and the regression of the force.
 RESULTS = (
     "arm.ArmRecords",
     "compensation.certificate.TrackingCertificate",
@@ -22,7 +23,6 @@ RESULTS = (
     "diagnosis.Cause",
     "diagnosis.experiment.Experiment",
     "diagnosis.joints.JointDiagnoses",
-    "drawing.journal",
     "identification.ForceRegression",
     "identification.force_regression",
     "model.axis.AxisStepper",
@@ -45,6 +45,7 @@ def public_names() -> list[str]:
     rooms = ("datasets", "drawing", "effects", "laws", "observer", "presets", "simulators")
     names = [name for name in dryfric_control.__all__ if name not in rooms]
     names += [f"datasets.{name}" for name in datasets.__all__]
+    names.append("drawing.journal")
     names += [f"effects.{name}" for name in effects.__all__]
     names += [f"laws.{name}" for name in laws.__all__]
     names += [f"simulators.{name}" for name in simulators.__all__ if name not in names]

@@ -36,7 +36,9 @@ _NAMES = ("mass", "viscous", "coulomb")
 @documented
 @dataclass(frozen=True, eq=False, repr=False)
 class ForceRegression(Result):
-    """Mass, viscous coefficient and Coulomb level from the drive alone; see `axis_from`.
+    """Mass, viscous friction and Coulomb level from the drive alone.
+
+    Made by `force_regression`.
 
     Examples
     --------
@@ -80,7 +82,7 @@ class ForceRegression(Result):
 
 
 def axis_from(record: RecordLike) -> FrictionAxis:
-    """A first nominal axis where you have none: mass, viscous, Coulomb.
+    """A first nominal axis: mass, viscous and Coulomb friction.
 
     Parameters
     ----------
@@ -124,12 +126,30 @@ def axis_from(record: RecordLike) -> FrictionAxis:
 
 
 def force_regression(record: RecordLike) -> ForceRegression:
-    """Mass, viscous coefficient and Coulomb level with standard errors, in a tenth of a second.
+    """Mass, viscous friction and Coulomb level with standard errors.
+
+    In a tenth of a second; the notes of `axis_from` say how.
 
     Parameters
     ----------
     record : Record or path-like
         As in `axis_from`.
+
+    Returns
+    -------
+    ForceRegression
+
+    Raises
+    ------
+    ValueError
+        If the record hardly moves, or its drive has the wrong sign.
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> found = dfc.identification.force_regression(dfc.datasets.belt_stage())
+    >>> round(found.parameters["mass"], 1), round(found.standard_errors["mass"], 3)
+    (2.4, 0.007)
     """
     record = as_record(record)
     motion = _motion(record)

@@ -694,10 +694,10 @@ class Record(Saved):
         return Derivatives(x, v, a)
 
     def force_map(self, axis: FrictionAxis, hold: str = "zero") -> ForceMap:
-        """What remains of the drive over place, velocity, drive, time and after reversals.
+        """What remains of the drive: over place, velocity and time.
 
         The force that the motion requires, beyond drive and friction of a model: a picture of what
-        the model lacks, before any fit.
+        the model lacks, before any fit.  It has the drive and what follows a reversal, too.
 
         Parameters
         ----------
@@ -729,7 +729,7 @@ class Record(Saved):
         return force_map(axis, self, hold)
 
     def explore(self, axis: FrictionAxis, hold: str = "zero") -> ForceExplorer:
-        """What remains of the drive, with sliders for the numbers of the model.
+        """What remains of the drive, with sliders for the model.
 
         In a notebook with ipywidgets (the extra ``interactive``) the picture is redrawn while mass,
         viscous coefficient, Coulomb level, Stribeck peak and a line over place are turned; without

@@ -363,7 +363,7 @@ class Effect:
         return () if np.abs(found - straight).max() <= 1e-12 * scale else _KNOTS
 
     def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
-        """Largest slopes of its force; by default found at many states of the axis.
+        """Largest slopes of its force, by default at many states.
 
         Parameters
         ----------
@@ -377,7 +377,7 @@ class Effect:
     def rate_bound(
         self, axis: BaseAxis, velocity: float, acceleration: float = 0.0, load_rate: float = 0.0
     ) -> float:
-        """Largest rate of its force [N/s] while the axis moves and rests as stated.
+        """Largest rate of its force while the axis moves as stated.
 
         Parameters
         ----------

@@ -27,7 +27,7 @@ def _product(a: ArrayLike, b: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """Values between two bounds, and bounds of their partial derivatives.
+    """Values between two bounds, and bounds of their derivatives.
 
     Interval arithmetic with forward differentiation (R. Moore, R. Kearfott, M. Cloud, Introduction
     to Interval Analysis, 2009): a law written with intervals is bounded over the box of its
@@ -164,7 +164,7 @@ class Interval:
         return Interval(low, high, _product(_BELL_SLOPE, self.slopes))
 
     def where(self, possible: ArrayLike) -> Interval:
-        """Its values or nothing in the elements where they are possible, nothing in the others.
+        """Its values or none where they are possible, none elsewhere.
 
         Parameters
         ----------
@@ -213,7 +213,7 @@ def _sine_bounds(angle: Interval) -> tuple[Floats, Floats]:
 
 
 class Box(NamedTuple):
-    """Arguments of a law as intervals, in the order in which it takes them.
+    """Arguments of a law as intervals, in the order of the law.
 
     Parameters
     ----------

@@ -27,20 +27,20 @@ from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import LATE
 from dryfric_control.diagnosis.search import Model, Search
 from dryfric_control.diagnosis.thresholds import (
-    AHEAD,
-    ANSWER,
-    ENOUGH,
-    LEAST_WINDOWS,
-    MOST_LEFT,
-    RIVALS,
-    SOONEST,
-    WINDOW,
+    ANSWER_TIME_FRACTION,
+    CONVERGED_GAIN,
+    FREE_RUN_LENGTH,
+    MAX_EXPERIMENT_ALTERNATIVES,
+    MAX_UNEXPLAINED_FRACTION,
+    MIN_VISIBLE_DELAY,
+    MIN_WINDOWS,
+    REMAINING_GAIN_RATIO,
 )
 from dryfric_control.diagnosis.verdict import Judged, judged, shows
 from dryfric_control.estimation.likelihood import prepare
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge
 from dryfric_control.estimation.plausibility import checked_records, warn_if_implausible
-from dryfric_control.estimation.scoring import LAST, SOME
+from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FINAL_ITERATIONS
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut, shifted
 from dryfric_control.model.axis import FrictionAxis
@@ -198,7 +198,7 @@ def diagnose(
     windows = []
     for i, one in enumerate(records):
         name = f"record[{i}]" if several else "record"
-        windows.append(_cut(axis, one, window, hold, name, LEAST_WINDOWS // len(records)))
+        windows.append(_cut(axis, one, window, hold, name, MIN_WINDOWS // len(records)))
     _check_motion(windows, several)
     with ProgressLine("diagnose", progress) as line:
 
@@ -210,7 +210,7 @@ def diagnose(
         problem = Problem(
             axis, tuple(prepare(r, mass=axis.mass) for r in records), known, tolerance,
             hold=hold, jobs=jobs,
-            until=begun + (1.0 - ANSWER) * limit, windows=tuple(windows),
+            until=begun + (1.0 - ANSWER_TIME_FRACTION) * limit, windows=tuple(windows),
         )  # fmt: skip
         # Candidates are fitted in parallel: threads of the linear algebra would only wait.
         with threadpool_limits(1, user_api="blas"):
@@ -256,17 +256,25 @@ def _answered(
     problem = search.problem = replace(problem, until=end)
     tell("all data", model.causes)
     final = model.fit
-    if not (interrupted or late or final.promised < ENOUGH):
+    if not (interrupted or late or final.promised < CONVERGED_GAIN):
         final = problem.fit(
-            final.axis, problem.free_of(final), noises_of(final), LAST, each=each_of(final)
+            final.axis,
+            problem.free_of(final),
+            noises_of(final),
+            FINAL_ITERATIONS,
+            each=each_of(final),
         )
         final = min(final, model.fit, key=lambda s: s.cost)
     messages = [_INTERRUPTED] if interrupted else [LATE] if late else []
     shift = final.values().get(SHIFT, 0.0)
-    if problem.shift is not None and shift > -SOONEST * problem.scales.step:
+    if problem.shift is not None and shift > -MIN_VISIBLE_DELAY * problem.scales.step:
         problem = search.problem = replace(problem, shift=None)
         final = problem.fit(
-            final.axis, problem.free_of(final), noises_of(final), SOME, each=each_of(final)
+            final.axis,
+            problem.free_of(final),
+            noises_of(final),
+            COMPARISON_ITERATIONS,
+            each=each_of(final),
         )
     if problem.shift is not None:
         early = length_text(-shift, "s")
@@ -286,7 +294,7 @@ def _answered(
     better = [name for name, cost in references.items() if cost < final.cost]
     if found.worse:
         better.append("free runs of the nominal axis")
-    little = found.left.significant and found.left.fraction > MOST_LEFT
+    little = found.left.significant and found.left.fraction > MAX_UNEXPLAINED_FRACTION
     if (better or little) and causes:
         if better:
             messages.append(f"not better than {' and '.join(better)}: no causes are reported")
@@ -372,7 +380,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         # The least smoothing: a smoother input may hide that it does not cause the motion.
         problem = search.problem = quieter(problem, recorded, begun, most=False)
         if problem.runs is not recorded:
-            begun = problem.fit(begun.axis, noises=noises_of(begun), turns=SOME)
+            begun = problem.fit(begun.axis, noises=noises_of(begun), turns=COMPARISON_ITERATIONS)
         search.now = Model(begun)
         if begun.cost > problem.straight_line.cost:
             found = _by_force(search, begun)
@@ -380,7 +388,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
                 return *found, False
         first = search.best(Model(begun))
         fall = 0.0 if first is None else begun.cost - first.fit.cost
-        early = led(problem, begun) if AHEAD * search.early > fall else None
+        early = led(problem, begun) if REMAINING_GAIN_RATIO * search.early > fall else None
         if early is not None and (first is None or evidence(first.fit, early[1], ()) > 0.0):
             problem, begun = early
             search = Search(problem, tell, now=Model(begun))
@@ -408,7 +416,9 @@ def _force_first(search: Search, recorded: Sequence[Any]) -> tuple[Search, Model
     problem = search.problem = quieter(problem, recorded, found.fit, most=True)
     fit = found.fit
     if any(a.u is not b.u for a, b in zip(recorded, problem.runs, strict=True)):
-        fit = problem.fit(fit.axis, problem.free_of(fit), noises_of(fit), SOME, each=each_of(fit))
+        fit = problem.fit(
+            fit.axis, problem.free_of(fit), noises_of(fit), COMPARISON_ITERATIONS, each=each_of(fit)
+        )
     search.now = Model(fit, found.causes)
     model = search.run(search.pruned(search.now))
     again = _reconsidered(search, model, recorded)
@@ -448,13 +458,17 @@ def _reconsidered(
     other = quieter(problem, recorded, model.fit, most=True)
     fit = model.fit
     if any(a.u is not b.u for a, b in zip(other.runs, problem.runs, strict=True)):
-        fit = other.fit(fit.axis, other.free_of(fit), noises_of(fit), SOME, each=each_of(fit))
+        fit = other.fit(
+            fit.axis, other.free_of(fit), noises_of(fit), COMPARISON_ITERATIONS, each=each_of(fit)
+        )
     if problem.shift is None:
         early = led(other, fit) if search.early > 0.0 else None
         other, fit = early if early is not None else (other, fit)
     else:
         less = replace(other, shift=None)
-        alone = less.fit(fit.axis, less.free_of(fit), noises_of(fit), SOME, each=each_of(fit))
+        alone = less.fit(
+            fit.axis, less.free_of(fit), noises_of(fit), COMPARISON_ITERATIONS, each=each_of(fit)
+        )
         if led(less, alone) is None:
             other, fit = less, alone
     if fit is model.fit:
@@ -491,7 +505,7 @@ def _experiment(
     if doubtful is None:
         other = rival(final.axis, problem.believed, causes)
         return other and next_experiment(final.axis, other[:1], record, names=other[1:])
-    some = dict(list(rivals[doubtful].items())[:RIVALS])
+    some = dict(list(rivals[doubtful].items())[:MAX_EXPERIMENT_ALTERNATIVES])
     axes = [fit.axis for fit in some.values()]
     return next_experiment(final.axis, axes, record, names=[doubtful, *some])
 
@@ -505,8 +519,8 @@ def _window(axis: FrictionAxis, records: Sequence[Record]) -> float:
     noise = max(max(r.noise, (r.quantum or 0.0) / math.sqrt(12.0)) for r in records)
     force = max(axis.coulomb.mean, 1e-3 * float(np.std(records[0].u)), 1e-300)
     needed = math.sqrt(12.0 * math.sqrt(5.0) * 3.0 * noise * axis.mass / force)
-    shortest = min(r.duration for r in records) / LEAST_WINDOWS
-    return min(max(WINDOW, needed), max(shortest, WINDOW))
+    shortest = min(r.duration for r in records) / MIN_WINDOWS
+    return min(max(FREE_RUN_LENGTH, needed), max(shortest, FREE_RUN_LENGTH))
 
 
 def _cut(

@@ -17,16 +17,23 @@ from dryfric_control.diagnosis.invariants import impossible, unsound
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
-    AHEAD,
-    ENOUGH,
-    LEAST,
-    SCANNED,
-    SLACK,
-    WALKED,
+    CONVERGED_GAIN,
+    FINE_GRID_FACTORS,
+    FIT_SLACK,
+    GRID_FACTORS,
+    MIN_EVIDENCE,
+    REMAINING_GAIN_RATIO,
 )  # fmt: skip
 from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.estimation.parameters import values_of, with_values
-from dryfric_control.estimation.scoring import FEW, SOME, continued, held, maximise, with_force
+from dryfric_control.estimation.scoring import (
+    COMPARISON_ITERATIONS,
+    FIRST_ITERATIONS,
+    continued,
+    held,
+    maximise,
+    with_force,
+)
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
@@ -37,8 +44,8 @@ _Top = tuple[float, tuple[float, float]]
 
 
 def begun(
-    problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution, turns: int = SOME,
-    **settings: Any,
+    problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution,
+    turns: int = COMPARISON_ITERATIONS, **settings: Any,
 ) -> Solution:  # fmt: skip
     """Fit beside a model, from its noises if it starts as likely, else from a large random force.
 
@@ -47,7 +54,7 @@ def begun(
     """
     likelihood = problem.likelihood(axis, free, each=each_of(now), **settings)
     z = likelihood.start(noises=noises_of(now))
-    if likelihood.tried(z).cost > now.cost + SLACK:
+    if likelihood.tried(z).cost > now.cost + FIT_SLACK:
         z = likelihood.start(1.0)
     return maximise(likelihood, z, turns, problem.until)
 
@@ -61,7 +68,7 @@ def walked(
     ridges that slopes do not cross.
     """
     start = z = with_force(likelihood, z)
-    for factors in WALKED:
+    for factors in GRID_FACTORS:
         z = along(likelihood, z, own, factors)
     # What a large random force hides is not decided there.
     return min((start, z), key=lambda at: likelihood.tried(with_noises(at, noises)).cost)
@@ -99,14 +106,14 @@ def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Sol
     its valley at the nominal values is narrow.  `start`: where to begin.
     """
     names = [n for n in problem.base if n in fit.problem.names and n not in problem.own]
-    if start is None or not names or prior_of(fit) < LEAST:
+    if start is None or not names or prior_of(fit) < MIN_EVIDENCE:
         return fit
     free = problem.free_of(fit)
     axis = with_values(start, names, [problem.nominal[n] for n in names])
     back = begun(problem, axis, free, fit, base=())
     if back.cost > fit.cost:
         return fit
-    again = problem.fit(back.axis, free, noises_of(back), SOME, each=each_of(back))
+    again = problem.fit(back.axis, free, noises_of(back), COMPARISON_ITERATIONS, each=each_of(back))
     return min(fit, again, key=cost_of)
 
 
@@ -176,18 +183,22 @@ class Looks:
             ]  # fmt: skip
             if not waiting and joined:
                 # Joined causes are looked at if they promise more than single ones reached.
-                some = [p for p in joined if p.predicted > top[0] - SLACK]
+                some = [p for p in joined if p.predicted > top[0] - FIT_SLACK]
                 waiting, joined = self._looked(some, proposals), []
                 continue
             if not waiting:
                 return
-            last = min(waiting, key=lambda one: one.fit.cost - AHEAD * one.hope)
+            last = min(waiting, key=lambda one: one.fit.cost - REMAINING_GAIN_RATIO * one.hope)
             waiting.remove(last)
             fit = self._further(last)
             if fit is None:
                 continue
-            turns = last.turns + FEW
-            if fit.promised < ENOUGH or fit.iterations < FEW - 1 or turns >= SOME:
+            turns = last.turns + FIRST_ITERATIONS
+            if (
+                fit.promised < CONVERGED_GAIN
+                or fit.iterations < FIRST_ITERATIONS - 1
+                or turns >= COMPARISON_ITERATIONS
+            ):
                 self.rows.append(self._restored(self._row(last, fit), last.proposal.held))
                 top = self._top()
             else:
@@ -237,15 +248,15 @@ class Looks:
             fits = (held(likelihood, with_noises(z, alike), until=until) for z in starts)
             fit = min(fits, key=cost_of)
             if one.remembers and math.isfinite(fit.cost):
-                there = along(likelihood, fit.z, one.remembers, SCANNED)
+                there = along(likelihood, fit.z, one.remembers, FINE_GRID_FACTORS)
                 fit = held(likelihood, there, until=until)
             if not math.isfinite(fit.cost):
                 likelihood.at(fit.z)  # says why there is no such axis
                 return None
             smooth = self._level(one.quieter) - fit.cost
-            if smooth + AHEAD * fit.promised < 0.5 * self._needed(one):
+            if smooth + REMAINING_GAIN_RATIO * fit.promised < 0.5 * self._needed(one):
                 return None
-            fit = maximise(likelihood, fit.z, FEW, until, True)
+            fit = maximise(likelihood, fit.z, FIRST_ITERATIONS, until, True)
             return Look(one, fit, fit.promised, (smooth, now.cost - fit.cost))
         except (ValueError, ArithmeticError) as wrong:
             self.fail("+".join(one.names), str(wrong))
@@ -268,9 +279,11 @@ class Looks:
         one, fit, until = look.proposal, look.fit, self.problem.until
         try:
             if look.turns:
-                return maximise(fit.problem, fit.z, FEW, until, again=True)
+                return maximise(fit.problem, fit.z, FIRST_ITERATIONS, until, again=True)
             names = (*self.free, *one.free)
-            return self.problem.fit(fit.axis, names, noises_of(fit), FEW, each=each_of(fit))
+            return self.problem.fit(
+                fit.axis, names, noises_of(fit), FIRST_ITERATIONS, each=each_of(fit)
+            )
         except (ValueError, ArithmeticError) as wrong:
             self.fail("+".join(one.names), str(wrong))
             return None
@@ -327,7 +340,9 @@ class Looks:
             free = (*self.free, *row.free)
             try:
                 axis = with_effect(with_values(axis, base, moved), name, same[0]).axis
-                fit = problem.fit(axis, free, noises_of(top.fit), SOME, each=each_of(top.fit))
+                fit = problem.fit(
+                    axis, free, noises_of(top.fit), COMPARISON_ITERATIONS, each=each_of(top.fit)
+                )
             except ValueError:
                 return row  # no axis can have these values
             if fit.cost >= row.fit.cost:
@@ -339,7 +354,7 @@ class Looks:
 
     def _needed(self, one: Proposal) -> float:
         """What the causes of a proposal cost."""
-        return sum(LEAST + self.odds[n] for n in one.names)
+        return sum(MIN_EVIDENCE + self.odds[n] for n in one.names)
 
     def _hopeful(self, look: Look, top: _Top) -> bool:
         """Whether a fit may still gain what its causes cost, and as much as the best one.
@@ -348,14 +363,14 @@ class Looks:
         """
         one, fit = look.proposal, look.fit
         prior = prior_of(fit) - prior_of(self.now)
-        gain = self.now.cost - fit.cost + AHEAD * look.hope
+        gain = self.now.cost - fit.cost + REMAINING_GAIN_RATIO * look.hope
         equal = not look.turns and any(
-            one > other - SLACK for one, other in zip(look.first, top[1], strict=True)
+            one > other - FIT_SLACK for one, other in zip(look.first, top[1], strict=True)
         )
         if not look.turns:
             gain = max(gain, one.predicted)  # a quick look may end where a cost is rough
         pays = gain + max(prior, 0.0) > 0.5 * self._needed(one)
-        return pays and (equal or gain > top[0] - SLACK)
+        return pays and (equal or gain > top[0] - FIT_SLACK)
 
 
 def _own(free: Sequence[str], name: str) -> tuple[str, ...]:

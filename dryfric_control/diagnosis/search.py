@@ -275,22 +275,7 @@ class Search:
         grams = self._grams(now)
         looks = Looks(self.problem, now.fit, self.odds, self._fail)
         looks.fit(_about(among, self._proposals(now, grams)))
-        # Shapes with a memory take passes of the filter: they are tried where friction builds up
-        # after reversals, or single readings are far off, and no explanation leaves nothing; beside
-        # or in the place of another cause, only where the former is the first thing to be seen.
-        fits = [now.fit, *(r.fit for r in looks.good), *([] if other is None else [other])]
-        last = MAX_CAUSES if other is None and not looks.good else 1
-        wanted = not among or any(effect_class(n).remembers for n in among)
-        if (
-            wanted
-            and all(self.problem.left(fit) >= MIN_EVIDENCE for fit in fits)
-            and (
-                self._after_reversal(now, grams) < last
-                or (last > 1 and self.problem.outliers(now.fit) > STRONG_EVIDENCE)
-                or any(gram.bends for gram in grams)
-                or self.problem.imposed  # where a shape takes no pass of the filter
-            )
-        ):
+        if self._memory_wanted(now, grams, looks, other, among):
             for gram in grams:
                 gram.simulate()
             looks.fit(_about(among, self._proposals(now, grams)))
@@ -307,6 +292,29 @@ class Search:
             self.first = self.first | gains
         self._rounds[key] = now.fit, rows
         return rows
+
+    def _memory_wanted(
+        self, now: Model, grams: Sequence[Gram], looks: Looks, other: Solution | None,
+        among: Collection[str],
+    ) -> bool:  # fmt: skip
+        """Whether shapes with a memory, which take passes of the filter, are tried in a round.
+
+        Where friction builds up after reversals, or single readings are far off, and no
+        explanation leaves nothing; beside or in the place of another cause, only where the former
+        is the first thing to be seen.
+        """
+        if among and not any(effect_class(n).remembers for n in among):
+            return False
+        fits = [now.fit, *(r.fit for r in looks.good), *([] if other is None else [other])]
+        if not all(self.problem.left(fit) >= MIN_EVIDENCE for fit in fits):
+            return False
+        last = MAX_CAUSES if other is None and not looks.good else 1
+        return (
+            self._after_reversal(now, grams) < last
+            or (last > 1 and self.problem.outliers(now.fit) > STRONG_EVIDENCE)
+            or any(gram.bends for gram in grams)
+            or self.problem.imposed  # where a shape takes no pass of the filter
+        )
 
     def _after_reversal(self, now: Model, grams: Sequence[Gram]) -> int:
         """Place at which friction after reversals joins a model.

@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 import time
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -160,90 +162,155 @@ def maximise(
     `until`: reading of `time.monotonic` at which the search stops.  `quick`: only as far as
     slopes of forces from a linear recursion lead.  `again`: from where another search ended.
     """
-    z, none = np.clip(z, problem.low, problem.high), np.zeros(0)
+    z = np.clip(z, problem.low, problem.high)
     point = problem.tried(z)
     if not point.out:
+        none = np.zeros(0)
         return Solution(problem, z, point, none, none, False, math.inf, 0)
     if iterations and not again:
         z, point = _noises(problem, z, point)
-    damping, promised, turn, wider, creeping = 1e-3, math.inf, 0, 1.0, 0
-    quiet, settled, linear = False, False, True
-    gradients = information = none
+    search, turn = _Scoring(problem, z, point, until), 0
     for turn in range(iterations):  # noqa: B007
-        if quick and not linear:
+        if (quick and not search.linear) or not search.iterate():
             break
-        sides = 0 if linear else 1 if promised > _CENTRAL_DIFFERENCE_FALL else 2
-        gradients, information = problem.terms(z, point, sides)
-        g, h = gradients.sum(axis=0), information.sum(axis=0)
-        problem.refine(h, wider)
+    return search.solution(turn)
+
+
+class _Quadratic(NamedTuple):
+    """Quadratic model of the cost at a point."""
+
+    h: Floats  # information with the prior, of all coordinates
+    free: Ints  # coordinates that are searched
+    size: Floats  # roots of their information
+    unit: Floats  # their information, scaled to a unit diagonal
+    slope: Floats  # their gradient in the same units
+
+
+@dataclass(eq=False)
+class _Scoring:
+    """State of a search by damped Fisher scoring."""
+
+    problem: Likelihood
+    z: Floats
+    point: Point
+    until: float  # reading of `time.monotonic` at which it stops
+    damping: float = 1e-3
+    promised: float = math.inf  # predicted fall of the cost
+    wider: float = 1.0  # factor of the difference steps
+    creeping: int = 0  # number of successive iterations that brought little
+    quiet: bool = False  # whether smaller random forces have been tried
+    settled: bool = False  # whether nothing near is lower
+    linear: bool = True  # whether slopes of forces come from a linear recursion
+    gradients: Floats = field(default_factory=lambda: np.zeros(0))
+    information: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def iterate(self) -> bool:
+        """One iteration; whether the search goes on."""
+        if self.linear:
+            sides = 0
+        else:
+            sides = 1 if self.promised > _CENTRAL_DIFFERENCE_FALL else 2
+        model = self._quadratic(sides)
+        self.promised = _promised(model.unit, model.slope)
+        if time.monotonic() > self.until:
+            return False
+        if self.promised <= _CONVERGED_FALL:
+            return self._at_minimum(sides)
+        if self._step(model):
+            return True
+        if sides == 0:
+            # Slopes that leave out the switches lead no farther.
+            self.linear, self.damping = False, 1e-3
+            return True
+        return self._on_rough_cost(model)
+
+    def _quadratic(self, sides: int) -> _Quadratic:
+        """Quadratic model of the cost, with slopes as `Likelihood.terms` computes them."""
+        problem, z = self.problem, self.z
+        self.gradients, self.information = problem.terms(z, self.point, sides)
+        g, h = self.gradients.sum(axis=0), self.information.sum(axis=0)
+        problem.refine(h, self.wider)
         _, prior_g, prior_h = problem.prior_terms(z)
         g = g + prior_g
         h = problem.bent(h) + np.diag(prior_h)
         free, size = _searched(problem, z, g, h)
-        inner = h[np.ix_(free, free)]
-        unit, slope = inner / np.outer(size, size), g[free] / size
-        promised = _promised(unit, slope)
-        if time.monotonic() > until:
-            break
-        if sides == 0 and promised <= _CONVERGED_FALL:
-            linear = False
-            continue
-        if promised <= _CONVERGED_FALL:
-            before = point
-            if not quiet:
-                z, point = _quieter(problem, z, point)
-            if point is before:
-                break
-            quiet, creeping = True, 0
-            continue
+        unit = h[np.ix_(free, free)] / np.outer(size, size)
+        return _Quadratic(h, free, size, unit, g[free] / size)
+
+    def _at_minimum(self, sides: int) -> bool:
+        """Where slopes promise nothing: go on with better slopes, or a smaller random force."""
+        if sides == 0:
+            self.linear = False
+            return True
+        before = self.point
+        if not self.quiet:
+            self.z, self.point = _quieter(self.problem, self.z, self.point)
+        if self.point is before:
+            return False
+        self.quiet, self.creeping = True, 0
+        return True
+
+    def _step(self, model: _Quadratic) -> bool:
+        """Take the least damped Newton step that lowers the cost; whether there is one."""
+        problem, (_, free, size, unit, slope) = self.problem, model
         far = problem.reach(free, size)
-        moved = False
-        while damping < 1e7 and creeping < _MAX_SMALL_STEPS:
+        while self.damping < 1e7 and self.creeping < _MAX_SMALL_STEPS:
             step = np.zeros(problem.size)
-            step[free] = within_reach(unit + damping * np.eye(free.size), slope, far) / size
-            new = np.clip(z + step, problem.low, problem.high)
-            by = (new - z)[free] * size
+            damped = unit + self.damping * np.eye(free.size)
+            step[free] = within_reach(damped, slope, far) / size
+            new = np.clip(self.z + step, problem.low, problem.high)
+            by = (new - self.z)[free] * size
             predicted = -float(slope @ by + 0.5 * by @ unit @ by)
             if predicted < _CONVERGED_FALL:
-                break
-            new_point = problem.tried(new)
-            if new_point.cost < point.cost:
-                fall = float(point.cost - new_point.cost)
-                kept = fall / predicted  # no number where the cost was infinite, nor a warning
-                if kept > _GOOD_FALL_RATIO:
-                    damping = max(0.1 * damping, 1e-9)
-                linear = linear and kept >= _POOR_FALL_RATIO
-                if kept < _POOR_FALL_RATIO:
-                    damping = 10.0 * max(damping, _MIN_RAISED_DAMPING)
-                creeping = creeping + 1 if fall < _CONVERGED_FALL else 0
-                z, point, moved = new, new_point, True
-                break
-            damping *= 10.0 if damping > 1e-3 else 100.0
-        if moved:
-            continue
-        if sides == 0:
-            # Slopes that leave out the switches lead no farther.
-            linear, damping = False, 1e-3
-            continue
-        # Where the cost is rough, slopes over wider steps may still find a descent.
-        if wider > 1.0:
-            lower = _polled(problem, z, point, free, inner)
+                return False
+            point = problem.tried(new)
+            if point.cost < self.point.cost:
+                self._adapt(float(self.point.cost - point.cost), predicted)
+                self.z, self.point = new, point
+                return True
+            self.damping *= 10.0 if self.damping > 1e-3 else 100.0
+        return False
+
+    def _adapt(self, fall: float, predicted: float) -> None:
+        """Adapt the damping to how well a step was predicted."""
+        kept = fall / predicted  # no number where the cost was infinite, nor a warning
+        if kept > _GOOD_FALL_RATIO:
+            self.damping = max(0.1 * self.damping, 1e-9)
+        self.linear = self.linear and kept >= _POOR_FALL_RATIO
+        if kept < _POOR_FALL_RATIO:
+            self.damping = 10.0 * max(self.damping, _MIN_RAISED_DAMPING)
+        self.creeping = self.creeping + 1 if fall < _CONVERGED_FALL else 0
+
+    def _on_rough_cost(self, model: _Quadratic) -> bool:
+        """Where no step lowers the cost: slopes over wider steps may still find a descent."""
+        h, free, _, unit, slope = model
+        if self.wider > 1.0:
+            inner = h[np.ix_(free, free)]
+            lower = _polled(self.problem, self.z, self.point, free, inner)
             if lower is None:
-                settled = True
+                self.settled = True
                 # The noises were searched without slopes, which are no guide to a rough cost.
-                own = free < len(problem.names)
-                promised = _promised(unit[np.ix_(own, own)], slope[own])
-                break
-            z, point = lower
-        elif not quiet:
-            z, point = _quieter(problem, z, point)
-        damping, wider, quiet, creeping = 1e-3, _WIDE_STEP_FACTOR, True, 0
-        problem.refine(h, wider)
-    rows = zip(problem.parameters, z, problem.low, problem.high, strict=False)
-    ended = ((p, c) for p, c, low, high in rows if c <= low or c >= high)
-    bound = tuple(p.name for p, c in ended if not (p.optional and p.value(c) == p.neutral))
-    done = settled or promised < _UNCONVERGED_FALL
-    return Solution(problem, z, point, gradients, information, done, promised, turn, bound)
+                own = free < len(self.problem.names)
+                self.promised = _promised(unit[np.ix_(own, own)], slope[own])
+                return False
+            self.z, self.point = lower
+        elif not self.quiet:
+            self.z, self.point = _quieter(self.problem, self.z, self.point)
+        self.damping, self.wider, self.quiet, self.creeping = 1e-3, _WIDE_STEP_FACTOR, True, 0
+        self.problem.refine(h, self.wider)
+        return True
+
+    def solution(self, iterations: int) -> Solution:
+        """The result, with the parameters that ended at a bound."""
+        problem, z = self.problem, self.z
+        rows = zip(problem.parameters, z, problem.low, problem.high, strict=False)
+        ended = ((p, c) for p, c, low, high in rows if c <= low or c >= high)
+        bound = tuple(p.name for p, c in ended if not (p.optional and p.value(c) == p.neutral))
+        done = self.settled or self.promised < _UNCONVERGED_FALL
+        return Solution(
+            problem, z, self.point, self.gradients, self.information, done, self.promised,
+            iterations, bound,
+        )  # fmt: skip
 
 
 def with_force(likelihood: Likelihood, z: Floats, part: float = _FIRST_FORCE_RATIO) -> Floats:

@@ -25,7 +25,7 @@ from dryfric_control.diagnosis.report.diagnosis import write_report
 from dryfric_control.estimation.parameters import checked_knowledge
 from dryfric_control.export.c_code import export_c
 from dryfric_control.export.fmu import export_fmu
-from dryfric_control.export.objects import exported
+from dryfric_control.export.objects import export_object
 from dryfric_control.identification import Fit
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.observer import ExtendedStateObserver, HybridFilter, ObserverDesign
@@ -453,7 +453,7 @@ def _export(chosen: Namespace) -> None:
     if chosen.to == "c":
         files = export_c(obj, chosen.out, **given)
     else:
-        name = exported(obj, chosen.name, chosen.dt).name
+        name = export_object(obj, chosen.name, chosen.dt).name
         files = [export_fmu(obj, existing_folder(chosen.out) / f"{name}.fmu", **given)]
     print(f"{', '.join(file.name for file in files)} in {chosen.out}")
 

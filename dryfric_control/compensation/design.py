@@ -12,23 +12,46 @@ import control as ct
 import numpy as np
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import finite, increment, instance, one_of, positive, whole
+from dryfric_control.checks import (
+    finite,
+    increment,
+    instance,
+    one_of,
+    positive,
+    whole,
+)
 from dryfric_control.compensation import certificate as proof
 from dryfric_control.compensation import tuning as tuned
 from dryfric_control.compensation.certificate import TrackingCertificate
 from dryfric_control.compensation.laws import largest_drive, uncovered
 from dryfric_control.compensation.runtime import CompensatedController, CompensationStepper
 from dryfric_control.compiled import compensation as kernel
-from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
+from dryfric_control.drawing import (
+    legend_above,
+    over_time,
+    panels,
+    shade_stuck,
+)
 from dryfric_control.model.axis import FrictionAxis, check_pace
 from dryfric_control.model.loops import LoopRun, simulate_loop
 from dryfric_control.model.profiles import MotionProfile, motion_profile
 from dryfric_control.observer.certificate import CertificateError
-from dryfric_control.observer.design import ObserverDesign, design_pi_observer
-from dryfric_control.observer.design import checked as checked_design
+from dryfric_control.observer.design import (
+    ObserverDesign,
+    design_pi_observer,
+    verified_design,
+)
 from dryfric_control.order import check_quantum_and_dt
 from dryfric_control.store.saved import Saved
-from dryfric_control.text import Result, documented, length_text, prefixed, see, stated, typeset
+from dryfric_control.text import (
+    Result,
+    documented,
+    length_text,
+    prefixed,
+    see,
+    stated,
+    typeset,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +107,7 @@ class Compensation(Saved, Result):
     @functools.cached_property
     def rigid_axis(self) -> FrictionAxis:
         """The axis whose effects the feedforward evaluates: one rigid mass."""
-        return tuned.rigid(self.axis)
+        return tuned.rigid_axis(self.axis)
 
     @functools.cached_property
     def controller(self) -> CompensatedController:
@@ -146,7 +169,12 @@ class Compensation(Saved, Result):
                 f"mismatch must be below 1 and learned at most 1, got {mu:g} and {known:g}"
             )
         if reference is not None:
-            instance("reference", reference, MotionProfile, "made by dfc.motion_profile")
+            instance(
+                "reference",
+                reference,
+                MotionProfile,
+                "made by dfc.motion_profile",
+            )
         return proof.certify_tracking(self, mu, known, peak, reference)
 
     def _kept(self) -> Promise:
@@ -156,7 +184,7 @@ class Compensation(Saved, Result):
 
     @classmethod
     def _opened(cls, held: Promise) -> Compensation:
-        return _checked(held)
+        return _design_of_file(held)
 
     def _shown(self) -> Iterator[str]:
         length, force = self.axis.units
@@ -173,10 +201,11 @@ class Compensation(Saved, Result):
             f"{1e3 * self.whole_delay:.3g} ms"
         )
         if self.encoder_quantum > 0.0:
-            level, step = tuned.largest_level(self.rigid_axis), self.drive_step
+            level = tuned.largest_level(self.rigid_axis)
+            step = self.drive_step
             share = f", {100.0 * step / level:.3g} % of the Coulomb level" if level > 0.0 else ""
             yield f"noise  one encoder increment steps the drive by {step:.3g} {force}{share}"
-            free = self._free_of_noise()
+            free = self._without_filter()
             tube = math.inf if free is None else free.certify().tube
             if free is not None and tube < self.certificate.tube:
                 yield (
@@ -188,41 +217,67 @@ class Compensation(Saved, Result):
         yield f"other effects fed forward: {effects}"
         yield from self.certificate._shown()
 
-    def _free_of_noise(self) -> Compensation | None:
+    def _without_filter(self) -> Compensation | None:
         """The design without a bound on the noise in the drive, if that makes a difference."""
-        least = tuned.FILTER * self.dt
+        least = tuned.LEAST_FILTER_TIME * self.dt
         if self.filter_time <= least:
             return None
         delay = self.whole_delay
         slow, quick = (
-            min(tuned.highest(self.tuning, self.dt, delay, filtered), tuned.FASTEST / self.dt)
+            min(
+                tuned.largest_bandwidth(self.tuning, self.dt, delay, filtered),
+                tuned.LARGEST_BANDWIDTH / self.dt,
+            )
             for filtered in (self.filter_time, least)
         )
         w = quick if math.isclose(self.bandwidth, slow) else self.bandwidth
-        kp, kd = tuned.proportional(self.rigid_axis, self.tuning, w)
+        kp, kd = tuned.position_gains(self.rigid_axis, self.tuning, w)
         return replace(
-            self, bandwidth=w, kp=kp, kd=kd, ki=self.ki * (kp * w) / (self.kp * self.bandwidth),
+            self,
+            bandwidth=w,
+            kp=kp,
+            kd=kd,
+            ki=self.ki * (kp * w) / (self.kp * self.bandwidth),
             filter_time=least,
             disturbance_bandwidth=tuned.estimate_bandwidth(w, self.dt, delay, least),
-        )  # fmt: skip
+        )
 
     @panels(3)
     def plot(self, axes: Any) -> str:
         """Draw a simulated move there and back, with its tube."""
         length, force = self.axis.units
         reference = self._there_and_back()
-        run = simulate_loop(self.axis, self.controller, reference, quantum=self.encoder_quantum)
-        error, bound = reference.position - run.y[0], self.certify(reference=reference).tube
+        run = simulate_loop(
+            self.axis,
+            self.controller,
+            reference,
+            quantum=self.encoder_quantum,
+        )
+        error = reference.position - run.y[0]
+        bound = self.certify(reference=reference).tube
         axes[0].plot(run.t, reference.position, color="0.55", label="reference")
         axes[0].plot(run.t, run.y[0], "k", linewidth=1.0, label="axis")
         factor, short = prefixed(bound if math.isfinite(bound) else np.abs(error).max(), length)
         axes[1].plot(run.t, error / factor, "k", linewidth=1.0, label="error")
         if math.isfinite(bound):
-            for side, label in ((-bound / factor, None), (bound / factor, "tube")):
-                axes[1].axhline(side, color="C3", linestyle="--", linewidth=1.0, label=label)
+            for side, label in (
+                (-bound / factor, None),
+                (bound / factor, "tube"),
+            ):
+                axes[1].axhline(
+                    side,
+                    color="C3",
+                    linestyle="--",
+                    linewidth=1.0,
+                    label=label,
+                )
         axes[2].plot(run.t, run.y[4], "k", linewidth=1.0, label="drive u")
         axes[2].plot(run.t, run.y[2], "C0--", linewidth=1.0, label="friction")
-        labels = (f"position [{length}]", typeset(f"error [{short}]"), f"force [{force}]")
+        labels = (
+            f"position [{length}]",
+            typeset(f"error [{short}]"),
+            f"force [{force}]",
+        )
         for one in axes:
             shade_stuck(one, run.t, run.y[3])
             legend_above(one)
@@ -231,16 +286,25 @@ class Compensation(Saved, Result):
 
     def _there_and_back(self) -> MotionProfile:
         """Move of about a second, on the scale that the controller's bandwidth gives."""
-        axis, w = self.rigid_axis, self.bandwidth
+        axis = self.rigid_axis
+        w = self.bandwidth
         # A tenth of the acceleration that friction could cause, over a third of a second.
-        push = max(float(np.max(axis.breakaway(0.0, 1))), axis.mass * self.tolerance * w**2)
+        push = max(
+            float(np.max(axis.breakaway(0.0, 1))),
+            axis.mass * self.tolerance * w**2,
+        )
         a = 0.1 * push / axis.mass
         way = 0.02 * a if axis.travel is None else min(0.02 * a, 0.4 * float(np.ptp(axis.travel)))
         middle = 0.0 if axis.travel is None else float(np.mean(axis.travel)) - 0.5 * way
         return motion_profile(
-            [middle, middle + way, middle, middle + way], self.dt, velocity=0.3 * a,
-            acceleration=a, jerk=20.0 * a, dwell=[0.1, 0.0, 0.0, 0.4], unit=axis.units[0],
-        )  # fmt: skip
+            [middle, middle + way, middle, middle + way],
+            self.dt,
+            velocity=0.3 * a,
+            acceleration=a,
+            jerk=20.0 * a,
+            dwell=[0.1, 0.0, 0.0, 0.4],
+            unit=axis.units[0],
+        )
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -267,7 +331,9 @@ class Compensation(Saved, Result):
         return self.encoder_quantum * abs(float(B[proof.DRIVE, 1]))
 
     def _law(self) -> kernel.Law:
-        axis, dt, w = self.rigid_axis, self.dt, self.bandwidth
+        axis = self.rigid_axis
+        dt = self.dt
+        w = self.bandwidth
         switched = self.law in ("learned", "fixed")
         stribeck = axis.stribeck
         keep = math.exp(-dt / self.filter_time) if self.filter_time > 0.0 else 0.0
@@ -293,21 +359,24 @@ class Compensation(Saved, Result):
             kernel.STICK_SPEED: axis.stick_speed,
             kernel.STRIBECK_SPEED: stribeck.speed if stribeck else 0.0,
             kernel.EXCESS: stribeck.excess if stribeck else 0.0,
-            kernel.MOST_EXCESS: max(tuned.MOST_EXCESS, 2.0 * stribeck.excess if stribeck else 0.0),
+            kernel.MOST_EXCESS: max(
+                tuned.MOST_EXCESS,
+                2.0 * stribeck.excess if stribeck else 0.0,
+            ),
             kernel.BAND: self.correction,
             kernel.RATE: min(self.learning * dt, 0.5) if self.law == "learned" else 0.0,
             kernel.LAG: 1.0 if self.observer is None else tuned.observer_lag(self.observer),
-            kernel.RESIDUAL: tuned.ESTIMATE if estimates else self.tuning.residual,
-            kernel.SPEED_SHARE: tuned.share(self.tuning, self.whole_delay / dt),
+            kernel.RESIDUAL: tuned.ESTIMATE_SHARE if estimates else self.tuning.residual,
+            kernel.SPEED_SHARE: tuned.velocity_share(self.tuning, self.whole_delay / dt),
             kernel.BUILD: tuned.presliding_distance(self.axis),
             kernel.SOURCE: tuned.SOURCES.get(self.law, kernel.NOTHING),
             kernel.HOLDS: switched,
             kernel.TOLERANCE: self.tolerance,
-            kernel.GROWTH: tuned.GROWTH,
+            kernel.GROWTH: tuned.TOLERANCE_GROWTH,
             kernel.HOLD_SHARE: tuned.HOLD_SHARE * (1.0 - self.mismatch),
-            kernel.SETTLE: tuned.SETTLE / (w * dt) + self.lead + 2.0,
+            kernel.SETTLE: tuned.SETTLING_TIME / (w * dt) + self.lead + 2.0,
             # The error at rest with which the integral goes over its band in a settling time.
-            kernel.SLOW: most * w / (tuned.SETTLE * self.ki) if self.ki > 0.0 else math.inf,
+            kernel.SLOW: most * w / (tuned.SETTLING_TIME * self.ki) if self.ki > 0.0 else math.inf,
             kernel.MEAN: -math.expm1(-dt * w / 2.6),
             kernel.GAIN_X: (
                 self.disturbance_bandwidth if self.law == "disturbance observer" else extended[0]
@@ -321,7 +390,7 @@ class Compensation(Saved, Result):
         for place, value in values.items():
             numbers[place] = value
         own = axis.arrays(dt)
-        watched = tuned.watched(self.observer or axis, self.encoder_quantum, dt)
+        watched = tuned.observer_arrays(self.observer or axis, self.encoder_quantum, dt)
         return kernel.Law(numbers, own.numbers, own.integers, *watched)
 
     @property
@@ -361,11 +430,11 @@ def design_compensation(
     gains: tuple[float, float, float] | None = None,
     limit: float | None = None,
     tolerance: float | None = None,
-    learning: float = tuned.LEARNING,
+    learning: float = tuned.LEARNING_RATE,
     disturbance_bandwidth: float | None = None,
     mismatch: float = 0.2,
     correction: float | None = None,
-    noise: float = tuned.NOISE,
+    noise: float = tuned.DRIVE_NOISE,
 ) -> Compensation:
     """Design a position controller that compensates friction.
 
@@ -445,49 +514,33 @@ def design_compensation(
     if bandwidth is not None:
         bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
     check_pace(axis, dt)
-    acting, tuning = tuned.rigid(axis), tuned.tuning_of(law)
+    acting = tuned.rigid_axis(axis)
+    tuning = tuned.tuning_of(law)
     numbers = acting.arrays(dt).numbers
     whole_delay = delay + float(numbers[kernel.axis_step.DELAY] + numbers[kernel.axis_step.LAG])
     level = tuned.largest_level(acting)
-    filter_time = tuned.FILTER * dt
+    filter_time = tuned.LEAST_FILTER_TIME * dt
     if gains is None:
         most_step = noise * level / quantum if quantum and level else math.inf
         filter_time = tuned.filter_time(acting, tuning, dt, whole_delay, bandwidth, most_step)
-    highest = tuned.highest(tuning, dt, whole_delay, filter_time)
-    w = bandwidth or min(highest, tuned.FASTEST / dt)
+    highest = tuned.largest_bandwidth(tuning, dt, whole_delay, filter_time)
+    w = bandwidth or min(highest, tuned.LARGEST_BANDWIDTH / dt)
     if w * dt > 0.5:
         raise ValueError(
             f"bandwidth {w:g} rad/s is too high for dt = {dt:g} s: keep bandwidth * dt below 0.5"
         )
     if gains is None:
-        kp, kd = tuned.proportional(acting, tuning, w)
-        ki = 0.0 if law == "adrc" else tuned.INTEGRAL * w * kp
+        kp, kd = tuned.position_gains(acting, tuning, w)
+        ki = 0.0 if law == "adrc" else tuned.INTEGRAL_GAIN * w * kp
     else:
-        kp, ki, kd = _three(gains)
-    most = math.inf if limit is None else positive("limit", limit, unit=axis.unit("N"))
+        kp, ki, kd = _pid_gains(gains)
     excess = acting.stribeck.excess if acting.stribeck else 0.0
-    breakaway = level * (1.0 + excess)
-    if most <= breakaway:
-        raise ValueError(
-            f"limit = {most:g} {axis.units[1]} is no more than the breakaway friction force of "
-            f"{breakaway:.4g} {axis.units[1]}: the axis would stay where it is; give the largest "
-            "force of the drive" + see("howto/compensate")
-        )
+    most = _drive_limit(axis, limit, breakaway=level * (1.0 + excess))
     observer = None
     if law in ("learned", "fixed"):
-        watched = tuned.watchable(axis)
         # A loop that is slower than the delay allows leaves room for a faster observer.
-        fastest = tuned.AHEAD / (whole_delay / dt + tuned.SAMPLED) * max(highest / w, 1.0)
-        try:
-            observer = design_pi_observer(
-                watched, dt, noise=tuned.calm_noise(watched, dt, quantum, fastest)
-            )
-        except ValueError as problem:
-            raise ValueError(
-                f"no observer can be designed for dt = {dt:g} s and a drive delay of "
-                f"{whole_delay:g} s ({problem}): check dt and input_delay, which are in seconds"
-                + see("howto/compensate")
-            ) from None
+        room = max(highest / w, 1.0)
+        observer = _observer_of(axis, dt, quantum, whole_delay, room)
     if tolerance is None:
         tolerance = max(3.0 * quantum, 0.01 * (level / kp), 1e-9 * acting.stick_speed)
     if disturbance_bandwidth is None:
@@ -515,14 +568,54 @@ def design_compensation(
         observer=observer,
         certificate=None,  # type: ignore[arg-type]
     )
-    return certified(made)
+    return with_certificate(made)
 
 
 _MAY_BE_ZERO = "encoder_quantum input_delay ki filter_time learning mismatch correction".split()
-_POSITIVE = ("dt", "bandwidth", "kp", "tolerance", "disturbance_bandwidth", *_MAY_BE_ZERO)
+_POSITIVE = (
+    "dt",
+    "bandwidth",
+    "kp",
+    "tolerance",
+    "disturbance_bandwidth",
+    *_MAY_BE_ZERO,
+)
 
 
-def certified(comp: Compensation) -> Compensation:
+def _drive_limit(axis: FrictionAxis, limit: float | None, breakaway: float) -> float:
+    """Largest drive force [N], above the breakaway friction force."""
+    most = math.inf if limit is None else positive("limit", limit, unit=axis.unit("N"))
+    if most <= breakaway:
+        raise ValueError(
+            f"limit = {most:g} {axis.units[1]} is no more than the breakaway friction force of "
+            f"{breakaway:.4g} {axis.units[1]}: the axis would stay where it is; give the largest "
+            "force of the drive" + see("howto/compensate")
+        )
+    return most
+
+
+def _observer_of(
+    axis: FrictionAxis,
+    dt: float,
+    quantum: float,
+    whole_delay: float,
+    room: float,
+) -> ObserverDesign:
+    """The switched observer of a law; `room`: bandwidth that the delay allows, over the loop's."""
+    nominal = tuned.observer_axis(axis)
+    samples = whole_delay / dt + tuned.SAMPLING_DELAY
+    noise = tuned.reading_noise(nominal, dt, quantum, tuned.OBSERVER_PHASE / samples * room)
+    try:
+        return design_pi_observer(nominal, dt, noise=noise)
+    except ValueError as problem:
+        raise ValueError(
+            f"no observer can be designed for dt = {dt:g} s and a drive delay of "
+            f"{whole_delay:g} s ({problem}): check dt and input_delay, which are in seconds"
+            + see("howto/compensate")
+        ) from None
+
+
+def with_certificate(comp: Compensation) -> Compensation:
     """A compensation with its certificate; ValueError if the nominal loop is unstable."""
     certificate = comp.certify()
     if certificate.nominal.radius >= 1.0:
@@ -533,7 +626,7 @@ def certified(comp: Compensation) -> Compensation:
     return replace(comp, certificate=certificate)
 
 
-def _three(gains: Any) -> tuple[float, float, float]:
+def _pid_gains(gains: Any) -> tuple[float, float, float]:
     """Gains kp, ki and kd as given by the user."""
     try:
         kp, ki, kd = gains
@@ -550,7 +643,7 @@ def _three(gains: Any) -> tuple[float, float, float]:
 load_compensation = Compensation.load
 
 
-def _checked(stated: Promise) -> Compensation:
+def _design_of_file(stated: Promise) -> Compensation:
     """The design of a file, every part in its range, which keeps what the file states."""
     comp = stated.design
     for name in _POSITIVE:
@@ -567,8 +660,8 @@ def _checked(stated: Promise) -> Compensation:
     if comp.observer is not None:
         if comp.observer.dt != comp.dt:
             raise ValueError("dt differs from that of the observer")
-        comp = replace(comp, observer=checked_design(comp.observer))
-    comp = certified(comp)
+        comp = replace(comp, observer=verified_design(comp.observer))
+    comp = with_certificate(comp)
     if not np.array_equal(stated.numbers, comp.numbers):
         raise ValueError("numbers of its law are not those that this package gives the design")
     tube = comp.certificate.tube

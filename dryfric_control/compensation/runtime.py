@@ -19,12 +19,30 @@ from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.text import documented, stated
 
 _STATES = (
-    "samples", "integral", "speed", "error", "ahead", "direction", "contact", "still",
-    "level_plus", "level_minus", "excess", "mode", "corrections", "held", "held_drive",
-    "mean_drive", "mean_error", "compensation", "sliding_integral", "expected",
-    "level_seen", "peak_seen",
+    "samples",
+    "integral",
+    "speed",
+    "error",
+    "ahead",
+    "direction",
+    "contact",
+    "still",
+    "level_plus",
+    "level_minus",
+    "excess",
+    "mode",
+    "corrections",
+    "held",
+    "held_drive",
+    "mean_drive",
+    "mean_error",
+    "compensation",
+    "sliding_integral",
+    "expected",
+    "level_seen",
+    "peak_seen",
     *(f"inner{i}" for i in range(6)),
-)  # fmt: skip
+)
 
 
 @documented
@@ -64,7 +82,8 @@ class CompensatedController:
             memory[kernel.SHARE] = self.law.numbers[kernel.EXCESS]
             first = np.minimum(np.arange(self.lead)[::-1], motion.position.size - 1)
             line = memory[kernel.LINE :][: kernel.STRIDE * self.lead].reshape(-1, kernel.STRIDE)
-            line[:, 0], line[:, 1] = motion.position[first], motion.velocity[first]
+            line[:, 0] = motion.position[first]
+            line[:, 1] = motion.velocity[first]
         return memory
 
     def run(self, loop: LoopRun) -> tuple[Floats, int]:
@@ -75,9 +94,18 @@ class CompensatedController:
         loop : LoopRun
         """
         return kernel.run_loop(
-            loop.axis.numbers, loop.axis.integers, loop.state, self.law, self.memory(loop.motion),
-            loop.motion.rows, loop.disturbance, loop.quantum, self.dt, loop.room, loop.out,
-        )  # fmt: skip
+            loop.axis.numbers,
+            loop.axis.integers,
+            loop.state,
+            self.law,
+            self.memory(loop.motion),
+            loop.motion.rows,
+            loop.disturbance,
+            loop.quantum,
+            self.dt,
+            loop.room,
+            loop.out,
+        )
 
     def block(self, name: str = "controller") -> ct.NonlinearIOSystem:
         """The controller with its observer as one sampled block.
@@ -97,11 +125,25 @@ class CompensatedController:
         def step(t: float, memory: Floats, u: Any) -> Floats:
             return np.array([kernel.step(self.law, memory, *u), memory[kernel.FORCE]])
 
-        states = [*_STATES, *(f"{what}{i + 1}" for i in range(self.lead) for what in "xvf")]
+        states = [
+            *_STATES,
+            *(f"{what}{i + 1}" for i in range(self.lead) for what in "xvf"),
+        ]
         states += [f"observer{i}" for i in range(self.memory().size - len(states))]
         nodes = len(self.law.observer_transitions) - 1
-        whole = {f"observer{MODE}": (-1, 1), f"observer{NODE}": (0, nodes)}
-        return Block.stepped(step, "xref vref aref y", "u friction", states, self.dt, name, whole)
+        whole = {
+            f"observer{MODE}": (-1, 1),
+            f"observer{NODE}": (0, nodes),
+        }
+        return Block.stepped(
+            step,
+            "xref vref aref y",
+            "u friction",
+            states,
+            self.dt,
+            name,
+            whole,
+        )
 
     def stepper(self) -> CompensationStepper:
         """Controller to be stepped sample by sample."""
@@ -131,7 +173,11 @@ class CompensationStepper:
     @property
     def learned(self) -> dict[str, float]:
         """Corrections of the Coulomb levels [N] and the Stribeck excess."""
-        places = {"plus": kernel.PLUS, "minus": kernel.MINUS, "excess": kernel.SHARE}
+        places = {
+            "plus": kernel.PLUS,
+            "minus": kernel.MINUS,
+            "excess": kernel.SHARE,
+        }
         return {name: float(self._memory[place]) for name, place in places.items()}
 
     def step(self, xref: float, vref: float, aref: float, y: float) -> float:
@@ -144,5 +190,10 @@ class CompensationStepper:
         y : float
             Position read at this sample [m].
         """
-        given = (finite("xref", xref), finite("vref", vref), finite("aref", aref), finite("y", y))
+        given = (
+            finite("xref", xref),
+            finite("vref", vref),
+            finite("aref", aref),
+            finite("y", y),
+        )
         return float(kernel.step(self.controller.law, self._memory, *given))

@@ -519,7 +519,9 @@ def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
     i = plant.integers
     along = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2 or plant.numbers[EXCESS] > 0.0
     turn, lean = abs(k3 - k2), abs(k2 - k1)
-    bend, rise = abs((k1 - k2) - (k3 - k4)), abs(k4 - k1)
+    bend = abs((k1 - k2) - (k3 - k4))
+    # A drive that runs linearly is no variation that a step could miss.
+    rise = abs(k4 - k1 - drive.slope * d * plant.numbers[INVERSE_MASS])
     way = abs(moved)
     stiff = 0.0
     if 0.14 * d * turn * turn * turn > allowed * lean * lean:
@@ -529,7 +531,7 @@ def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
         if drive.fade == 0.0 or bend == 0.0:
             return d * stiff
         # exp(-phi): the second difference over the first is phi/4.
-        ratio = bend / (rise + bend)
+        ratio = min(0.25 * d * drive.rate, 1.0)
         return d * (stiff + 0.53 / 24.0 * bend * ratio * ratio)
     if (
         stiff == 0.0
@@ -1162,7 +1164,7 @@ def is_straight(plant, u0, u1):
     return _next_corner(plant, u0, u1, 0.0) == 1.0
 
 
-@internal
+@internal(forceinline=True)
 def _advance_straight(plant, t, start, end, h, memory, events, count):
     """Move the axis over h, in which the drive before its lag runs from start to end."""
     slope, lag = (end - start) / h, plant.numbers[LAG]
@@ -1176,13 +1178,10 @@ def _advance_straight(plant, t, start, end, h, memory, events, count):
 
 
 @internal
-def _advance_piece(plant, t, u0, u1, h, memory, events, count):
-    """Move the axis over h, in which the input runs from u0 to u1."""
-    start = input_map(plant, t, memory, u0)
-    end = start if u1 == u0 else input_map(plant, t, memory, u1)
-    if is_straight(plant, u0, u1):
-        return _advance_straight(plant, t, start, end, h, memory, events, count)
+def _advance_bent(plant, t, u0, u1, h, memory, events, count):
+    """Move the axis over h, in which the input laws bend between the inputs u0 and u1."""
     # The drive is linear between the inputs at which it bends.
+    start, end = input_map(plant, t, memory, u0), input_map(plant, t, memory, u1)
     seen, part = (0.0, 0.0, 0), 0.0
     for k in range(plant.integers[N_CORNERS] + 1):
         following = _next_corner(plant, u0, u1, part)
@@ -1198,6 +1197,16 @@ def _advance_piece(plant, t, u0, u1, h, memory, events, count):
         if part == 1.0:
             break
     return seen
+
+
+@internal(forceinline=True)
+def _advance_piece(plant, t, u0, u1, h, memory, events, count):
+    """Move the axis over h, in which the input runs from u0 to u1."""
+    if is_straight(plant, u0, u1):
+        start = input_map(plant, t, memory, u0)
+        end = start if u1 == u0 else input_map(plant, t, memory, u1)
+        return _advance_straight(plant, t, start, end, h, memory, events, count)
+    return _advance_bent(plant, t, u0, u1, h, memory, events, count)
 
 
 @njit(cache=True, error_model="numpy")

@@ -89,13 +89,13 @@ LINE = INNER + 6
 STRIDE = 3
 
 #: The Stribeck term is evaluated down to exp(-50).
-_REACH = 50.0
+_LARGEST_EXPONENT = 50.0
 #: Force of the position error, over the Coulomb level, below which a contact holds the axis.
-_NEAR = 0.5
+_CONTACT_FORCE = 0.5
 #: Largest number of steps to invert the static input effects.
-_MOST_STEPS = 30
+_MOST_SECANTS = 30
 #: Largest number of secants to a level that depends on the drive.
-_MOST_SECANTS = 12
+_MOST_LEVEL_SECANTS = 12
 #: Least part of a level that does not depend on the drive: below it the axis locks itself.
 _LEAST_BEND = 0.02
 
@@ -120,7 +120,7 @@ def _peak(numbers, v):
     if numbers[STRIBECK_SPEED] == 0.0:
         return 0.0
     z = max(v - numbers[STICK_SPEED], 0.0) / numbers[STRIBECK_SPEED]
-    return math.exp(-min(z * z, _REACH))
+    return math.exp(-min(z * z, _LARGEST_EXPONENT))
 
 
 @axis_step.internal
@@ -131,7 +131,7 @@ def _loaded_level(plant, t, x, v, w, s):
     if plant.integers[axis_step.N_CARRIED] == 0:
         return level
     last, last_level = 0.0, level
-    for _ in range(_MOST_SECANTS):
+    for _ in range(_MOST_LEVEL_SECANTS):
         new = axis_step.coulomb_level(plant, t, x, v, w + s * level, s, 0.0)
         if abs(new - level) <= 1e-12 * new or level == last:
             break
@@ -158,13 +158,13 @@ def _force_effects(plant, t, x, v, u, s):
 
 
 @axis_step.internal
-def _through_input(plant, t, seen, wanted):
+def _inverse_input(plant, t, seen, wanted):
     """Drive that the static input effects map to the required force, by secants."""
     if plant.integers[axis_step.N_INPUT] == 0:
         return wanted
     u, got = wanted, axis_step.input_map(plant, t, seen, wanted)
     slope = 1.0
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MOST_SECANTS):
         error = wanted - got
         if abs(error) <= 1e-12 * (1.0 + abs(wanted)):
             break
@@ -311,7 +311,7 @@ def _rest(c, memory, mode, error, moving, forces, level):
 
 
 @njit(cache=True, error_model="numpy")
-def _late(c, memory, forward):
+def _feedforward_delay(c, memory, forward):
     """Feedforward that reaches the axis now minus the present one, which is stored."""
     if c[LATE] == 0.0:
         return 0.0
@@ -324,7 +324,7 @@ def _late(c, memory, forward):
 
 
 @axis_step.internal
-def _begin(c, memory, x, v, y, watch):
+def _initial_state(c, memory, x, v, y, watch):
     """First sample: assumes that the axis has followed the reference so far, or rests."""
     if memory[DIRECTION] == 0.0:
         v, memory[DIRECTION] = 0.0, 1.0
@@ -348,7 +348,7 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     seen = memory[watch:]
     t = memory[SAMPLES] * c[DT]
     if memory[SAMPLES] == 0.0:
-        _begin(c, memory, ahead, speed_ahead, y, watch)
+        _initial_state(c, memory, ahead, speed_ahead, y, watch)
     x, v, moving = _follow_reference(c, memory, ahead, speed_ahead)
     error = x - y
     if memory[SAMPLES] == 0.0:
@@ -368,7 +368,7 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     friction = _friction(c, plant, later, memory, ahead, speed_ahead, w, moving, 1.0)
     s = memory[DIRECTION] if moving else 0.0
     forward = w - _force_effects(plant, later, ahead, speed_ahead, w + friction, s)
-    late = _late(c, memory, forward + friction)
+    late = _feedforward_delay(c, memory, forward + friction)
 
     if c[SOURCE] == LEARNED:
         mode = int(seen[observer.MODE])
@@ -392,7 +392,11 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     least = min(level, other)
     integral_held, drive_held = _rest(c, memory, mode, error, moving, forward, least)
     damping = c[KD]
-    if c[BUILD] > 0.0 and memory[STILL] > c[LEAD] + 2.0 and abs(c[KP] * error) < _NEAR * level:
+    if (
+        c[BUILD] > 0.0
+        and memory[STILL] > c[LEAD] + 2.0
+        and abs(c[KP] * error) < _CONTACT_FORCE * level
+    ):
         # The elastic contact brakes; a delayed velocity feedback would excite it.
         damping = 0.0
     linear = c[KP] * error + damping * speed
@@ -417,13 +421,13 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
     memory[MEAN_DRIVE] = keep * memory[MEAN_DRIVE] + (1.0 - keep) * given
     memory[INNER + 4] = linear if c[SOURCE] == LEARNED else given
     inner = axis_step.pointer(seen)
-    u = _through_input(plant, t, inner, given)
+    u = _inverse_input(plant, t, inner, given)
     if c[SOURCE] == LEARNED:
         stated = np.empty(observer.OUTPUTS)
         observer.step(
             law.observer_numbers, law.observer_matrices, law.observer_gains,
             law.observer_transitions, law.observer_axis_numbers, law.observer_axis_integers,
-            seen, t, _through_input(plant, t, inner, given + late), y, stated,
+            seen, t, _inverse_input(plant, t, inner, given + late), y, stated,
         )  # fmt: skip
     memory[MODE] = mode
     memory[SAMPLES] += 1.0

@@ -39,7 +39,7 @@ _TRIED = 20_000
 # Phase of such a step [rad]: what a step of the method carries without growing.
 _CARRIED = 1.0
 # And its shortest length, as a fraction of the interval.
-_SHORTEST_CARRIED = 1e-5
+_SHORTEST_CARRIED = 1e-4
 # Error of a step of bristles, as a fraction of that of a level which is off by as much as it
 # deviates in the middle of the step from one that changes linearly.
 _BEND = 0.1
@@ -615,6 +615,10 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         bound = h if tau >= resume else min(resume, h)
         d = min(longest, bound - tau, side.numbers[step.SHORT_TIME])
         tries += 1
+        if tries >= 2 * _TRIED:
+            # A motion that no such step follows is refused by those who read it.
+            at = Masses(math.inf, math.inf, math.inf, math.inf)
+            break
         if tries >= _TRIED:
             longest = h
             d = min(bound - tau, max(_carried(side, at, strain, mode, k1), _SHORTEST_CARRIED * h))

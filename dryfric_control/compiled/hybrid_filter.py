@@ -50,16 +50,16 @@ from dryfric_control.compiled.observer import (
     CELL_NOISE,  # reading noise in addition to the cell
     HAZARD,  # probability per sample to break away above the usual level
     MASS,  # initial variance of the relative mass error
-    RATE,  # uncertainty of the decay rate of the excess, as a fraction of the excess
+    DECAY_RATE_ERROR,  # uncertainty of the decay rate of the excess, as a fraction of the excess
     START,  # variance of the velocity at which a motion starts
     FIRST_RELEASE,  # breakaway force over the level, until one has been observed
-    AGAIN,  # part of a tail that has been removed before, and is removed again in a sample
+    REPEATED_SHARE,  # part of a tail that has been removed before, and is removed again in a sample
     NUMBERS,
 ) = range(22)
 
 #: States of a mode: position, velocity, relative error of the level in either
 #: direction, excess over the level, relative error of 1 / mass.
-X, V, PLUS, MINUS, OVER, RATIO, STATES = range(7)
+X, V, PLUS, MINUS, EXCESS_FORCE, INVERSE_MASS_ERROR, STATES = range(7)
 #: A Gaussian: its states, then the lower triangle of its covariance.
 COVARIANCE, GAUSSIAN = STATES, STATES + STATES * (STATES + 1) // 2
 
@@ -69,38 +69,39 @@ COVARIANCE, GAUSSIAN = STATES, STATES + STATES * (STATES + 1) // 2
     DRIVE,  # mean drive over the past sample
     READING,  # previous reading
     NOISE,  # reading noise in addition to the cell, estimated variance
-    SURPRISE,  # innovation of the likeliest mode
-    BELIEFS,  # one Gaussian per mode
+    INNOVATION,  # innovation of the likeliest mode
+    MODE_STATES,  # one Gaussian per mode
 ) = range(3, 9)
-ARRIVED = BELIEFS + 3 * GAUSSIAN  # a probability and a Gaussian per mode
-LEAVING = ARRIVED + 3 * (GAUSSIAN + 1)  # one Gaussian
-AHEAD = LEAVING + GAUSSIAN  # another, the prediction of a sliding mode
-WORK = AHEAD + GAUSSIAN  # two rows of its covariance
-WITHIN = WORK + 2 * STATES  # mass that was inside the cell before: of each mode, as arrived
-SIZE = WITHIN + 6
+PREDICTED = MODE_STATES + 3 * GAUSSIAN  # a probability and a Gaussian per mode
+TRANSFERRED = PREDICTED + 3 * (GAUSSIAN + 1)  # one Gaussian
+SLIDING_PREDICTION = TRANSFERRED + GAUSSIAN  # another, the prediction of a sliding mode
+SCRATCH = SLIDING_PREDICTION + GAUSSIAN  # two rows of its covariance
+CELL_MASS = SCRATCH + 2 * STATES  # mass that was inside the cell before: of each mode, as arrived
+SIZE = CELL_MASS + 6
 
 #: Outputs of a sample: xhat, vhat, Fhat, what, mode, standard deviation of
 #: vhat, log-likelihood of the reading.
 OUTPUTS = 7
 
-_STOPS = 1e-7  # lower bound of the probability to stop in one sample
-_LEAST = 1e-30  # lower bound of the probability of a mode
-_FIRST = (0.98, 0.01, 0.01)
-_FIRST_VARIANCE = (0.25, 0.25, 0.04, 0.04, 0.02)
-_CELL = 1.0 / 12.0  # variance of a reading inside its cell
-_FAR = 5.0  # standard deviations beyond which the tail is not normal
-_ADAPTS = 0.02  # adaptation rate of the reading noise, per sample
-_REFUTED = 1e-5  # probability of a reading below which rest is refuted
-_SEVERAL = 2.0  # and its distance from rest, in cells
-_SHARP = 5.0  # inverse uncertainty of the level that holds at a reversal, as of the levels at first
-_TURNS = 1e-6  # probability of a reversal below which there is none
-_PIVOT = 1e-12  # smallest pivot, as a fraction of the variance
-_SMALLEST, _LARGEST = 1e-12, 1e20  # bounds of variances
-_MOST = 0.25  # upper bound of the variance of a relative error
+_LEAST_STOP_PROBABILITY = 1e-7  # lower bound of the probability to stop in one sample
+_LEAST_PROBABILITY = 1e-30  # lower bound of the probability of a mode
+_FIRST_PROBABILITIES = (0.98, 0.01, 0.01)  # of the modes 0, + and - at the first reading
+_FIRST_VARIANCE = (0.25, 0.25, 0.04, 0.04, 0.02)  # of the states but the last, in their order
+_CELL_VARIANCE = 1.0 / 12.0  # variance of a reading inside its cell
+_TAIL_START = 5.0  # standard deviations beyond which the tail is not normal
+_NOISE_ADAPTATION = 0.02  # adaptation rate of the reading noise, per sample
+_REFUTING_PROBABILITY = 1e-5  # probability of a reading below which rest is refuted
+_REFUTING_INNOVATION = 2.0  # and its distance from rest, in cells
+_LEVEL_SHARPNESS = 5.0  # inverse relative uncertainty of the level that holds at a reversal
+_LEAST_REVERSAL_PROBABILITY = 1e-6  # probability of a reversal below which there is none
+_LEAST_PIVOT = 1e-12  # smallest pivot, as a fraction of the variance
+_LEAST_VARIANCE = 1e-12  # lower bound of a variance
+_LARGEST_VARIANCE = 1e20  # upper bound of a variance
+_LARGEST_ERROR_VARIANCE = 0.25  # upper bound of the variance of a relative error
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _below(x):
+def _normal_probability(x):
     """Standard normal distribution function."""
     return 0.5 * math.erfc(-x * 0.7071067811865476)
 
@@ -116,7 +117,7 @@ def _positive_part(mean, sd):
     a = mean / sd
     if a < -6.0:
         return 0.0, 0.05 * sd, (0.05 * sd) ** 2
-    mass = _below(a)
+    mass = _normal_probability(a)
     r = _density(a) / mass
     return mass, mean + sd * r, sd * sd * max(1.0 - a * r - r * r, 1e-4)
 
@@ -126,21 +127,21 @@ def _cell(e, sd):
     """Likelihood, mean and variance of a normal N(0, sd^2) within the cell e -+ 1/2."""
     a, b = (e - 0.5) / sd, (e + 0.5) / sd
     near = min(abs(a), abs(b))
-    if near > _FAR and a * b > 0.0:
+    if near > _TAIL_START and a * b > 0.0:
         # The tails cancel numerically: use a normal reading of the same variance with a
         # power-law tail, so that of modes that are all wrong the nearest wins.
         S = sd * sd
-        total = S + _CELL
-        likelihood = _density(_FAR) / math.sqrt(total) * (_FAR / near) ** 4
-        return likelihood, S / total * e, S * _CELL / total
-    mass = max(_below(b) - _below(a), 1e-12)
+        total = S + _CELL_VARIANCE
+        likelihood = _density(_TAIL_START) / math.sqrt(total) * (_TAIL_START / near) ** 4
+        return likelihood, S / total * e, S * _CELL_VARIANCE / total
+    mass = max(_normal_probability(b) - _normal_probability(a), 1e-12)
     pa, pb = _density(a), _density(b)
     g = (pa - pb) / mass
     return mass, sd * g, sd * sd * max(1.0 + (a * pa - b * pb) / mass - g * g, 1e-6)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _share(before, inside, again):
+def _tail_share(before, inside, again):
     """Part of a tail to remove, given the masses inside its bound before and after a step.
 
     A Gaussian in place of a density that has been cut has tails again, although what they
@@ -155,7 +156,7 @@ def _share(before, inside, again):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _without(share, mean, variance, mass, middle, within):
+def _truncated_moments(share, mean, variance, mass, middle, within):
     """Mass, mean and variance of a normal density without a share of its tail.
 
     `mass`, `middle`, `within`: those of the part that is no tail.
@@ -171,7 +172,7 @@ def _without(share, mean, variance, mass, middle, within):
 
 
 @axis_step.internal(forceinline=True)
-def _forget(s, at, k, mean, variance):
+def _reset_state(s, at, k, mean, variance):
     """Reset state k of a Gaussian to `mean`, `variance`, independent of the others."""
     P = at + COVARIANCE
     for j in range(k):
@@ -182,7 +183,7 @@ def _forget(s, at, k, mean, variance):
 
 
 @axis_step.internal
-def _shrink(s, P, k, factor):
+def _scale_state(s, P, k, factor):
     """Scale the standard deviation of state k, keeping its correlations."""
     for j in range(k):
         s[P + k * (k + 1) // 2 + j] *= factor
@@ -192,7 +193,7 @@ def _shrink(s, P, k, factor):
 
 
 @axis_step.internal
-def _add(s, P, i, k, factor):
+def _add_state(s, P, i, k, factor):
     """Add `factor` times state k to state i: the covariance of the sum."""
     both, own = P + max(i, k) * (max(i, k) + 1) // 2 + min(i, k), P + i * (i + 3) // 2
     s[own] += factor * (2.0 * s[both] + factor * s[P + k * (k + 3) // 2])
@@ -205,11 +206,11 @@ def _add(s, P, i, k, factor):
 
 
 @axis_step.internal
-def _arrive(s, source, mode, probability, new):
+def _merge(s, source, mode, probability, new):
     """Merge the Gaussian at `new`, of the mode `source`, into the one arrived in a mode."""
-    at = ARRIVED + mode * (GAUSSIAN + 1)
+    at = PREDICTED + mode * (GAUSSIAN + 1)
     into = at + 1
-    s[WITHIN + 3 + mode] += probability * s[WITHIN + source]
+    s[CELL_MASS + 3 + mode] += probability * s[CELL_MASS + source]
     if s[at] == 0.0:
         s[at] = probability
         for k in range(GAUSSIAN):
@@ -236,7 +237,7 @@ def _condition(s, at, column, change, removed, variance):
     The mean of that state changes by `change`; `variance`, its own plus that of the
     measurement noise, is reduced by the fraction `removed`.
     """
-    P, c = at + COVARIANCE, WORK
+    P, c = at + COVARIANCE, SCRATCH
     for i in range(STATES):
         low, high = min(i, column), max(i, column)
         s[c + i] = s[P + high * (high + 1) // 2 + low] / variance
@@ -255,11 +256,11 @@ def _make_positive(s, at):
     a semidefinite matrix; a row that explains more than its variance is scaled down
     to it.  Therefore no variance grows.
     """
-    P, L = at + COVARIANCE, LEAVING
+    P, L = at + COVARIANCE, TRANSFERRED
     rebuild = False
     for i in range(STATES):
         row = i * (i + 1) // 2
-        s[P + row + i] = min(max(s[P + row + i], _SMALLEST), _LARGEST)
+        s[P + row + i] = min(max(s[P + row + i], _LEAST_VARIANCE), _LARGEST_VARIANCE)
         pivot = s[P + row + i]
         for j in range(i):
             other = j * (j + 1) // 2
@@ -270,7 +271,7 @@ def _make_positive(s, at):
             value = value / below if below > 0.0 else 0.0
             s[L + row + j] = value
             pivot -= value * value * below
-        if pivot < _PIVOT * s[P + row + i]:
+        if pivot < _LEAST_PIVOT * s[P + row + i]:
             fit = math.sqrt(s[P + row + i] / (s[P + row + i] - min(pivot, 0.0)))
             for j in range(i):
                 s[L + row + j] *= fit
@@ -289,16 +290,16 @@ def _make_positive(s, at):
         value = s[L + row + i]
         for k in range(i):
             value += s[L + row + k] * s[L + row + k] * s[L + k * (k + 3) // 2]
-        s[P + row + i] = value + _PIVOT * s[P + row + i]
+        s[P + row + i] = value + _LEAST_PIVOT * s[P + row + i]
 
 
 @axis_step.internal
-def _begin(numbers, s, y):
+def _initial_state(numbers, s, y):
     """Filter at rest at the first reading."""
-    s[0], s[1], s[2] = _FIRST
+    s[0], s[1], s[2] = _FIRST_PROBABILITIES
     s[RELEASE] = numbers[FIRST_RELEASE]
     for mode in range(3):
-        at = ARRIVED + mode * (GAUSSIAN + 1)
+        at = PREDICTED + mode * (GAUSSIAN + 1)
         s[at] = s[mode]
         at += 1
         s[at + X] = y
@@ -307,7 +308,7 @@ def _begin(numbers, s, y):
 
 
 @axis_step.internal
-def _rest(numbers, s, push, hold, level):
+def _predict_stuck(numbers, s, push, hold, level):
     """Advance the stuck mode by one sample: stay, or break away in either direction.
 
     `push` is the net force without friction; `hold` the breakaway levels and
@@ -316,33 +317,33 @@ def _rest(numbers, s, push, hold, level):
     stay = 1.0
     for mode in (1, 2):
         side = 1.0 if mode == 1 else -1.0
-        error = s[BELIEFS + PLUS - 1 + mode]
+        error = s[MODE_STATES + PLUS - 1 + mode]
         ratio = side * push / max(hold[mode - 1] * (1.0 + error), 0.05)
         if ratio < 0.85:
             chance = 1e-6
         elif ratio > 1.7:
             chance = 0.5
         else:
-            usual = _below(25.0 * (ratio - s[RELEASE]))
+            usual = _normal_probability(25.0 * (ratio - s[RELEASE]))
             chance = min(1e-5 + numbers[HAZARD] * (usual + 0.02), 0.5)
         stay -= chance
         for k in range(GAUSSIAN):
-            s[LEAVING + k] = s[BELIEFS + k]
+            s[TRANSFERRED + k] = s[MODE_STATES + k]
         # At breakaway friction equals the drive, so the motion starts slowly.
         over = side * push / max(level[mode - 1], 0.05) - 1.0 - error
-        _forget(s, LEAVING, OVER, max(over, 0.0), 0.05**2)
+        _reset_state(s, TRANSFERRED, EXCESS_FORCE, max(over, 0.0), 0.05**2)
         pace = numbers[B2]
-        _forget(s, LEAVING, V, 0.015 * side * pace, (0.05 * pace) ** 2 + numbers[START])
-        _arrive(s, 0, mode, max(s[0] * chance, _LEAST), LEAVING)
+        _reset_state(s, TRANSFERRED, V, 0.015 * side * pace, (0.05 * pace) ** 2 + numbers[START])
+        _merge(s, 0, mode, max(s[0] * chance, _LEAST_PROBABILITY), TRANSFERRED)
     for k in range(GAUSSIAN):
-        s[LEAVING + k] = s[BELIEFS + k]
-    _forget(s, LEAVING, V, 0.0, 0.01 * numbers[START])
-    s[LEAVING + COVARIANCE] += 1e-5
-    _arrive(s, 0, 0, max(s[0] * stay, _LEAST), LEAVING)
+        s[TRANSFERRED + k] = s[MODE_STATES + k]
+    _reset_state(s, TRANSFERRED, V, 0.0, 0.01 * numbers[START])
+    s[TRANSFERRED + COVARIANCE] += 1e-5
+    _merge(s, 0, 0, max(s[0] * stay, _LEAST_PROBABILITY), TRANSFERRED)
 
 
 @axis_step.internal
-def _slide(numbers, s, mode, load, level, slope, turns, back):
+def _predict_sliding(numbers, s, mode, load, level, slope, turns, back):
     """Advance a sliding mode by one sample: continue, stop, or reverse.
 
     `load` is the net force without friction, `level` the friction level and
@@ -351,10 +352,10 @@ def _slide(numbers, s, mode, load, level, slope, turns, back):
     """
     side = 1.0 if mode == 1 else -1.0
     own = PLUS - 1 + mode
-    source = BELIEFS + mode * GAUSSIAN
+    source = MODE_STATES + mode * GAUSSIAN
     v = s[source + V]
-    net = load - side * level * (1.0 + s[source + own] + s[source + OVER])
-    ratio = 1.0 + s[source + RATIO]
+    net = load - side * level * (1.0 + s[source + own] + s[source + EXCESS_FORCE])
+    ratio = 1.0 + s[source + INVERSE_MASS_ERROR]
     a12, a22, b1, b2 = numbers[A12], numbers[A22], numbers[B1], numbers[B2]
     gain = b2 * ratio
     change = gain * net
@@ -365,35 +366,47 @@ def _slide(numbers, s, mode, load, level, slope, turns, back):
     a22 -= gain * slope
     f1, f2 = -side * level * b1 * ratio, -side * level * gain
     m1, m2 = b1 * net, b2 * net
-    P, N, w = source + COVARIANCE, AHEAD + COVARIANCE, WORK
+    P, N, w = source + COVARIANCE, SLIDING_PREDICTION + COVARIANCE, SCRATCH
     for k in range(STATES):
         pv = s[P + (1 if k == 0 else k * (k + 1) // 2 + 1)]
         px = s[P + k * (k + 1) // 2]
         low, high = min(k, own), max(k, own)
         po = s[P + high * (high + 1) // 2 + low]
-        low, high = min(k, OVER), max(k, OVER)
+        low, high = min(k, EXCESS_FORCE), max(k, EXCESS_FORCE)
         pe = s[P + high * (high + 1) // 2 + low]
         pr = s[P + 15 + k]
         s[w + k] = px + a12 * pv + f1 * (po + pe) + m1 * pr
         s[w + STATES + k] = a22 * pv + f2 * (po + pe) + m2 * pr
     for k in range(GAUSSIAN):
-        s[AHEAD + k] = s[source + k]
-    s[AHEAD + X] += moved
-    s[AHEAD + V] = ahead
+        s[SLIDING_PREDICTION + k] = s[source + k]
+    s[SLIDING_PREDICTION + X] += moved
+    s[SLIDING_PREDICTION + V] = ahead
     for k in range(PLUS, STATES):
         s[N + k * (k + 1) // 2] = s[w + k]
         s[N + k * (k + 1) // 2 + 1] = s[w + STATES + k]
     z = w + STATES
-    s[N] = s[w] + a12 * s[w + V] + f1 * (s[w + own] + s[w + OVER]) + m1 * s[w + RATIO]
-    s[N + 1] = s[z] + a12 * s[z + V] + f1 * (s[z + own] + s[z + OVER]) + m1 * s[z + RATIO]
-    s[N + 2] = a22 * s[z + V] + f2 * (s[z + own] + s[z + OVER]) + m2 * s[z + RATIO]
+    s[N] = (
+        s[w]
+        + a12 * s[w + V]
+        + f1 * (s[w + own] + s[w + EXCESS_FORCE])
+        + m1 * s[w + INVERSE_MASS_ERROR]
+    )
+    s[N + 1] = (
+        s[z]
+        + a12 * s[z + V]
+        + f1 * (s[z + own] + s[z + EXCESS_FORCE])
+        + m1 * s[z + INVERSE_MASS_ERROR]
+    )
+    s[N + 2] = (
+        a22 * s[z + V] + f2 * (s[z + own] + s[z + EXCESS_FORCE]) + m2 * s[z + INVERSE_MASS_ERROR]
+    )
     # The excess decays with the change of velocity.
     keep = numbers[FADE] * math.exp(-abs(ahead - v) / numbers[EXCESS_SPEED])
-    s[AHEAD + OVER] *= keep
-    _shrink(s, N, OVER, keep)
+    s[SLIDING_PREDICTION + EXCESS_FORCE] *= keep
+    _scale_state(s, N, EXCESS_FORCE, keep)
     slow = v / numbers[EXCESS_SPEED]
     spread = numbers[EXCESS] * math.exp(-min(slow * slow, 50.0)) + numbers[EXCESS_FAST]
-    over = numbers[RATE] * s[AHEAD + OVER]
+    over = numbers[DECAY_RATE_ERROR] * s[SLIDING_PREDICTION + EXCESS_FORCE]
     s[N + 14] += (spread * spread + over * over) * (1.0 - keep * keep) + 1e-9
     s[N + own * (own + 3) // 2] += numbers[LEVEL_WALK] ** 2
     noise = numbers[FORCE_NOISE] * b2 + numbers[ACCELERATION_NOISE] * abs(change)
@@ -403,89 +416,89 @@ def _slide(numbers, s, mode, load, level, slope, turns, back):
     s[N + 2] += noise
     variance = max(s[N + 2], 1e-12)
     part, mean, kept = _positive_part(side * ahead, math.sqrt(variance))
-    before = _below(side * v / math.sqrt(max(s[P + 2], 1e-12)))
-    part, mean, kept = _without(
-        _share(before, part, numbers[AGAIN]), side * ahead, variance, part, mean, kept
+    before = _normal_probability(side * v / math.sqrt(max(s[P + 2], 1e-12)))
+    part, mean, kept = _truncated_moments(
+        _tail_share(before, part, numbers[REPEATED_SHARE]), side * ahead, variance, part, mean, kept
     )
     # The part that crosses zero velocity stops there, or reverses: another force acts from then on.
-    left = max(s[mode] * max(1.0 - part, _STOPS), _LEAST)
+    left = max(s[mode] * max(1.0 - part, _LEAST_STOP_PROBABILITY), _LEAST_PROBABILITY)
     past = 0.0
     if side * ahead < 0.0:
         past = min(ahead / (ahead - v), 1.0) if side * v > 0.0 else 1.0
-    _leave(numbers, s, mode, 0, left * (1.0 - turns), ahead, past, 0.0, 0.0)
-    if turns > _TURNS:
+    _transfer(numbers, s, mode, 0, left * (1.0 - turns), ahead, past, 0.0, 0.0)
+    if turns > _LEAST_REVERSAL_PROBABILITY:
         after = load + side * back * (1.0 + s[source + MINUS + 1 - mode])
         bend = min(max(after / net, 0.0), 1.0) if net != 0.0 else 0.0
         grip = past * gain * side * back
-        _leave(numbers, s, mode, 3 - mode, left * turns, ahead, past, bend, grip)
+        _transfer(numbers, s, mode, 3 - mode, left * turns, ahead, past, bend, grip)
     # The part of the density on its side of zero velocity continues.
-    if s[mode] * part > _LEAST:
-        _condition(s, AHEAD, V, side * mean - ahead, variance - kept, variance)
-        _arrive(s, mode, mode, s[mode] * part, AHEAD)
+    if s[mode] * part > _LEAST_PROBABILITY:
+        _condition(s, SLIDING_PREDICTION, V, side * mean - ahead, variance - kept, variance)
+        _merge(s, mode, mode, s[mode] * part, SLIDING_PREDICTION)
 
 
 @axis_step.internal
-def _leave(numbers, s, mode, into, probability, ahead, past, bend, grip):
+def _transfer(numbers, s, mode, into, probability, ahead, past, bend, grip):
     """Move the part of a sliding mode that has crossed zero velocity to another mode.
 
     `ahead` is the velocity without the switch, `past` the part of the sample behind it,
     `bend` the net force there over the one before, and `grip` the derivative of the velocity
     with the relative level.
     """
-    P = LEAVING + COVARIANCE
+    P = TRANSFERRED + COVARIANCE
     for k in range(GAUSSIAN):
-        s[LEAVING + k] = s[AHEAD + k]
-    s[LEAVING + X] += 0.5 * past * (bend - 1.0) * ahead
-    _add(s, P, X, V, past * (bend - 1.0))
+        s[TRANSFERRED + k] = s[SLIDING_PREDICTION + k]
+    s[TRANSFERRED + X] += 0.5 * past * (bend - 1.0) * ahead
+    _add_state(s, P, X, V, past * (bend - 1.0))
     s[P] += 0.01
     if into != 0:
-        _forget(s, LEAVING, OVER, 0.0, numbers[EXCESS] ** 2)
+        _reset_state(s, TRANSFERRED, EXCESS_FORCE, 0.0, numbers[EXCESS] ** 2)
     if into != 0 and past > 0.0:
-        s[LEAVING + V] *= bend
-        _shrink(s, P, V, bend)
-        _add(s, P, V, MINUS + 1 - mode, grip)
-        _add(s, P, V, OVER, grip)
+        s[TRANSFERRED + V] *= bend
+        _scale_state(s, P, V, bend)
+        _add_state(s, P, V, MINUS + 1 - mode, grip)
+        _add_state(s, P, V, EXCESS_FORCE, grip)
         s[P + 2] += numbers[START]
     else:
-        _forget(s, LEAVING, V, 0.0, numbers[START] * (0.01 if into == 0 else 1.0))
-    _arrive(s, mode, into, probability, LEAVING)
+        _reset_state(s, TRANSFERRED, V, 0.0, numbers[START] * (0.01 if into == 0 else 1.0))
+    _merge(s, mode, into, probability, TRANSFERRED)
 
 
 @axis_step.internal
-def _read(numbers, s, mode, y, repeated):
+def _correct(numbers, s, mode, y, repeated):
     """Correct what has arrived in a mode by the reading; the innovation and excess.
 
     The excess is the squared innovation minus its expected value and minus its
     correlation with the previous one: noise is white, a model error is not.
     """
-    at = ARRIVED + mode * (GAUSSIAN + 1)
+    at = PREDICTED + mode * (GAUSSIAN + 1)
     weight = s[at]
     at += 1
     P = at + COVARIANCE
     noise = numbers[CELL_NOISE] ** 2 + max(s[NOISE], 0.0)
     e = min(max(y - s[at + X], -1e8), 1e8)
     S = s[P] + noise
-    excess = e * (e - s[SURPRISE]) - s[P] - _CELL - numbers[CELL_NOISE] ** 2
+    excess = e * (e - s[INNOVATION]) - s[P] - _CELL_VARIANCE - numbers[CELL_NOISE] ** 2
     likelihood, moved, kept = _cell(e, math.sqrt(S))
     if repeated:
-        share = _share(s[WITHIN + 3 + mode] / weight, likelihood, numbers[AGAIN])
-        likelihood, moved, kept = _without(share, 0.0, S, likelihood, moved, kept)
-    if weight > 0.5 and e * e > 12.0 * (S + _CELL):
+        share = _tail_share(s[CELL_MASS + 3 + mode] / weight, likelihood, numbers[REPEATED_SHARE])
+        likelihood, moved, kept = _truncated_moments(share, 0.0, S, likelihood, moved, kept)
+    if weight > 0.5 and e * e > 12.0 * (S + _CELL_VARIANCE):
         # Far outside the cell the predicted variance was too small: enlarge it.
-        grow = min(e * e / (4.0 * (S + _CELL)), 30.0)
+        grow = min(e * e / (4.0 * (S + _CELL_VARIANCE)), 30.0)
         for k in range(COVARIANCE, GAUSSIAN):
             s[at + k] *= grow
         S = s[P] + noise
-        moved, kept = S / (S + _CELL) * e, S * _CELL / (S + _CELL)
+        moved, kept = S / (S + _CELL_VARIANCE) * e, S * _CELL_VARIANCE / (S + _CELL_VARIANCE)
     _condition(s, at, X, moved, S - kept, S)
     for k in range(PLUS, STATES):
-        if s[P + k * (k + 3) // 2] > _MOST:
-            _shrink(s, P, k, math.sqrt(_MOST / s[P + k * (k + 3) // 2]))
+        if s[P + k * (k + 3) // 2] > _LARGEST_ERROR_VARIANCE:
+            _scale_state(s, P, k, math.sqrt(_LARGEST_ERROR_VARIANCE / s[P + k * (k + 3) // 2]))
     _make_positive(s, at)
     for k in range(PLUS, STATES):
         s[at + k] = min(max(s[at + k], -0.9), 4.0)
     for k in range(GAUSSIAN):
-        s[BELIEFS + mode * GAUSSIAN + k] = s[at + k]
+        s[MODE_STATES + mode * GAUSSIAN + k] = s[at + k]
     s[mode] = weight * likelihood
     return e, excess
 
@@ -497,14 +510,14 @@ def _load(plant, t, drive, place, v, direction, rest):
 
 
 @axis_step.internal
-def _move(numbers, plant, memory, s, t, y):
+def _predict_modes(numbers, plant, memory, s, t, y):
     """Predict every mode to the sample at t; the breakaway ratios +, -."""
     for mode in range(3):
-        s[ARRIVED + mode * (GAUSSIAN + 1)] = 0.0
-        at = BELIEFS + mode * GAUSSIAN
+        s[PREDICTED + mode * (GAUSSIAN + 1)] = 0.0
+        at = MODE_STATES + mode * GAUSSIAN
         here = y / numbers[QUANTUM] - s[at + X]
-        s[WITHIN + mode], _, _ = _cell(here, math.sqrt(s[at + COVARIANCE]))
-        s[WITHIN + 3 + mode] = 0.0
+        s[CELL_MASS + mode], _, _ = _cell(here, math.sqrt(s[at + COVARIANCE]))
+        s[CELL_MASS + 3 + mode] = 0.0
     unit, pace = 1.0 / numbers[FORCE], numbers[QUANTUM] / numbers[DT]
     drive, place, rest = s[DRIVE], 0.5 * (s[READING] + y), memory[REST]
     t -= 0.5 * numbers[DT]
@@ -517,27 +530,27 @@ def _move(numbers, plant, memory, s, t, y):
         axis_step.sliding_level(plant, t, place, 0.0, w, 1.0) * unit,
         axis_step.sliding_level(plant, t, place, 0.0, w, -1.0) * unit,
     )
-    _rest(numbers, s, w * unit, hold, level)
+    _predict_stuck(numbers, s, w * unit, hold, level)
     for mode in (1, 2):
         side = 1.0 if mode == 1 else -1.0
-        v = side * max(side * s[BELIEFS + mode * GAUSSIAN + V], 0.0) * pace
+        v = side * max(side * s[MODE_STATES + mode * GAUSSIAN + V], 0.0) * pace
         w = _load(plant, t, drive, place, v, side, 0.0)
         back = 2 - mode
-        error = s[BELIEFS + mode * GAUSSIAN + PLUS + back]
+        error = s[MODE_STATES + mode * GAUSSIAN + PLUS + back]
         ratio = -side * w * unit / max(hold[back] * (1.0 + error), 0.05)
-        turns = _below(_SHARP * (ratio - s[RELEASE]))
+        turns = _normal_probability(_LEVEL_SHARPNESS * (ratio - s[RELEASE]))
         friction = axis_step.sliding_level(plant, t, place, v, w, side)
         slope = 0.0
         if plant.numbers[axis_step.EXCESS] > 0.0:
             # Secant over the spread of the velocity, as the Stribeck peak may be narrower.
             near = 1e-3 / plant.numbers[axis_step.INVERSE_STRIBECK_SPEED]
-            spread = math.sqrt(s[BELIEFS + mode * GAUSSIAN + COVARIANCE + 2]) * pace
+            spread = math.sqrt(s[MODE_STATES + mode * GAUSSIAN + COVARIANCE + 2]) * pace
             near = max(near, spread)
             slope = axis_step.sliding_level(plant, t, place, v + side * near, w, side) - friction
             slope *= unit * pace / near
-        _slide(numbers, s, mode, w * unit, friction * unit, slope, turns, level[back])
-    plus = push * unit / max(hold[0] * (1.0 + s[BELIEFS + PLUS]), 0.05)
-    minus = -push * unit / max(hold[1] * (1.0 + s[BELIEFS + MINUS]), 0.05)
+        _predict_sliding(numbers, s, mode, w * unit, friction * unit, slope, turns, level[back])
+    plus = push * unit / max(hold[0] * (1.0 + s[MODE_STATES + PLUS]), 0.05)
+    minus = -push * unit / max(hold[1] * (1.0 + s[MODE_STATES + MINUS]), 0.05)
     return plus, minus
 
 
@@ -551,36 +564,36 @@ def _sample(numbers, plant, memory, t, u, y, out, row):
     before = int(memory[MODE])
     if memory[NODE] == 0.0:
         memory[NODE] = 1.0
-        _begin(numbers, s, cell)
+        _initial_state(numbers, s, cell)
     else:
-        ratio_plus, ratio_minus = _move(numbers, plant, memory, s, t, y)
+        ratio_plus, ratio_minus = _predict_modes(numbers, plant, memory, s, t, y)
     total, best, surprise, unexpected = 0.0, 0, 0.0, 0.0
     likely = -1.0
     for mode in range(3):
-        e, excess = _read(numbers, s, mode, cell, repeated)
+        e, excess = _correct(numbers, s, mode, cell, repeated)
         total += s[mode]
         if s[mode] > likely:
             best, likely, surprise, unexpected = mode, s[mode], e, excess
-    if best == 0 and total < _REFUTED and abs(surprise) > _SEVERAL:
+    if best == 0 and total < _REFUTING_PROBABILITY and abs(surprise) > _REFUTING_INNOVATION:
         # No mode explains the reading, and rest least: the axis has moved with a velocity of
         # the order of this innovation, at a friction that is not known.
         new = 1 if surprise > 0.0 else 2
-        into = BELIEFS + new * GAUSSIAN
+        into = MODE_STATES + new * GAUSSIAN
         for k in range(GAUSSIAN):
-            s[into + k] = s[BELIEFS + k]
-        _forget(s, into, V, surprise, surprise * surprise)
-        _forget(s, into, OVER, 0.0, numbers[EXCESS] ** 2)
+            s[into + k] = s[MODE_STATES + k]
+        _reset_state(s, into, V, surprise, surprise * surprise)
+        _reset_state(s, into, EXCESS_FORCE, 0.0, numbers[EXCESS] ** 2)
         total += likely - s[new]
         s[new] = likely
     x = v = square = 0.0
     for mode in range(3):
         s[mode] /= total
-        at = BELIEFS + mode * GAUSSIAN
+        at = MODE_STATES + mode * GAUSSIAN
         x += s[mode] * s[at + X]
         v += s[mode] * s[at + V]
         square += s[mode] * (s[at + V] ** 2 + s[at + COVARIANCE + 2])
-    s[NOISE] += _ADAPTS * (min(max(unexpected, -25.0), 25.0) - s[NOISE])
-    s[SURPRISE] = surprise
+    s[NOISE] += _NOISE_ADAPTATION * (min(max(unexpected, -25.0), 25.0) - s[NOISE])
+    s[INNOVATION] = surprise
     # The velocity at rest is within the stick velocity, and decays.
     still = plant.numbers[axis_step.STICK_SPEED] * dt / numbers[QUANTUM]
     still *= math.exp(-plant.numbers[axis_step.STICK_RATE] * memory[REST])
@@ -599,9 +612,9 @@ def _sample(numbers, plant, memory, t, u, y, out, row):
     if now == 0:
         friction, memory[WHAT] = w, 0.0
     else:
-        at = BELIEFS + best * GAUSSIAN
+        at = MODE_STATES + best * GAUSSIAN
         level = now * axis_step.sliding_level(plant, t, y, memory[VHAT], w, float(now))
-        memory[WHAT] = -level * (s[at + PLUS - 1 + best] + s[at + OVER])
+        memory[WHAT] = -level * (s[at + PLUS - 1 + best] + s[at + EXCESS_FORCE])
         friction = level - memory[WHAT]
     out[row], out[row + 1], out[row + 2] = memory[XHAT], memory[VHAT], friction
     out[row + 3], out[row + 4] = memory[WHAT], memory[MODE]

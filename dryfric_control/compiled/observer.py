@@ -1,7 +1,7 @@
 """Compiled one-sample step of the switched PI observer.
 
-`_decide` takes the new drive u and reading y and determines mode and outputs; `_predict` advances
-the estimate to the next sample.
+`_mode_and_friction` takes the new drive u and reading y and determines mode and outputs;
+`_predict` advances the estimate to the next sample.
 """
 
 from __future__ import annotations
@@ -13,7 +13,10 @@ from numba import njit
 
 from dryfric_control.compiled import axis_step
 
-PAPER, READING, FILIPPOV = 0, 1, 2
+#: Rules that determine the mode.
+PAPER = 0
+READING = 1
+FILIPPOV = 2
 
 #: Indices of the observer's memory; the line of delayed drives follows the last.
 #: The first two are as in `axis_step`, as the laws of effects read them.
@@ -53,11 +56,11 @@ class Tables(NamedTuple):
 
 # Largest number of readings in the running mean at rest: enough to average noise, and
 # few enough to detect that a creeping axis leaves its position.
-_LONGEST_MEAN = 64.0
+_MOST_READINGS = 64.0
 
 
 @axis_step.internal(forceinline=True)
-def _delayed(plant, dt, memory, u):
+def _delayed_drive(plant, dt, memory, u):
     """Mean over the coming sample of the drive after an input delay."""
     if plant.numbers[axis_step.DELAY] <= 0.0:
         return u
@@ -71,7 +74,7 @@ def _delayed(plant, dt, memory, u):
 @axis_step.internal(forceinline=True)
 def mean_drive(plant, dt, memory, u):
     """Mean drive over the coming sample, after delay and lag."""
-    seen = _delayed(plant, dt, memory, u)
+    seen = _delayed_drive(plant, dt, memory, u)
     lag = plant.numbers[axis_step.LAG]
     if lag > 0.0:
         seen += (memory[LAGGED] - seen) * (-math.expm1(-dt / lag)) * lag / dt
@@ -83,7 +86,7 @@ def shift_drive(plant, dt, memory, u):
     """Advance delay and lag by one sample."""
     lag = plant.numbers[axis_step.LAG]
     if lag > 0.0:
-        seen = _delayed(plant, dt, memory, u)
+        seen = _delayed_drive(plant, dt, memory, u)
         memory[LAGGED] = seen + (memory[LAGGED] - seen) * math.exp(-dt / lag)
     last = plant.integers[axis_step.N_HISTORY] - 1
     if last >= 0:
@@ -99,7 +102,7 @@ def _load(plant, t, memory, drive, y, s):
 
 
 @axis_step.internal
-def _believed(plant, t, memory, w, y, s):
+def _nominal_level(plant, t, memory, w, y, s):
     """Coulomb level of the observer's own map at the measured position."""
     return axis_step.coulomb_level(plant, t, y, memory[VHAT], w, s, memory[REST])
 
@@ -110,9 +113,9 @@ def _error_place(mode):
 
 
 @axis_step.internal(forceinline=True)
-def _learned(plant, t, memory, w, y, mode):
+def _corrected_level(plant, t, memory, w, y, mode):
     """Coulomb level in direction `mode`, with the learned correction."""
-    level = _believed(plant, t, memory, w, y, float(mode))
+    level = _nominal_level(plant, t, memory, w, y, float(mode))
     return max(level + memory[_error_place(mode)], 0.0)
 
 
@@ -120,8 +123,8 @@ def _learned(plant, t, memory, w, y, mode):
 def _mode_of_automaton(numbers, plant, t, memory, w, y):
     """Mode by the automaton (paper, Fig. 2) on (u, y, vhat), as printed or completed."""
     mode, v = int(memory[MODE]), memory[VHAT]
-    above = w > _believed(plant, t, memory, w, y, 1.0)
-    below = w < -_believed(plant, t, memory, w, y, -1.0)
+    above = w > _nominal_level(plant, t, memory, w, y, 1.0)
+    below = w < -_nominal_level(plant, t, memory, w, y, -1.0)
     if mode == 0:
         return 1 if above else (-1 if below else 0)
     if abs(v) <= numbers[STICK_SPEED] and not above and not below:
@@ -141,17 +144,17 @@ def _mode_of_reading(numbers, plant, t, memory, w, y):
         side = 1 if gone > 0.0 else -1
         moved = abs(gone) > numbers[RESOLUTION]
         if not moved and abs(gone) > 0.5 * numbers[RESOLUTION]:
-            moved = side * w > _learned(plant, t, memory, w, y, side)
+            moved = side * w > _corrected_level(plant, t, memory, w, y, side)
         if moved:
             memory[WHAT] = -side * memory[_error_place(side)]
             return side
-        memory[COUNT] = min(memory[COUNT] + 1.0, _LONGEST_MEAN)
+        memory[COUNT] = min(memory[COUNT] + 1.0, _MOST_READINGS)
         memory[PLACE] += gone / memory[COUNT]
         return 0
     ahead = mode * memory[VHAT]
     if ahead > numbers[STICK_SPEED]:
         return mode
-    if ahead > 0.0 and -mode * w > _learned(plant, t, memory, w, y, -mode):
+    if ahead > 0.0 and -mode * w > _corrected_level(plant, t, memory, w, y, -mode):
         return mode
     memory[WHAT] = 0.0
     memory[PLACE], memory[COUNT] = y, 1.0
@@ -159,7 +162,7 @@ def _mode_of_reading(numbers, plant, t, memory, w, y):
 
 
 @njit(cache=True, error_model="numpy")
-def _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers):
+def _addresses(numbers, matrices, gains, transitions, axis_numbers, axis_integers):
     """Arrays that describe an observer as a `Tables` of addresses."""
     return Tables(
         axis_step.pointer(numbers),
@@ -172,7 +175,7 @@ def _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers):
 
 
 @axis_step.internal(forceinline=True)
-def _decide(tables, memory, t, u, y):
+def _mode_and_friction(tables, memory, t, u, y):
     """Friction estimate, net force without friction, nominal friction, drive behind effects."""
     plant, numbers = tables.plant, tables.numbers
     drive = axis_step.input_map(plant, t, memory, u)
@@ -202,17 +205,17 @@ def _decide(tables, memory, t, u, y):
         memory[WHAT] += tables.gains[g + 2] * error
     if mode == 0:
         return w, w, 0.0, drive
-    believed = mode * _believed(plant, t, memory, w, y, float(mode))
-    return believed - memory[WHAT], w, believed, drive
+    nominal = mode * _nominal_level(plant, t, memory, w, y, float(mode))
+    return nominal - memory[WHAT], w, nominal, drive
 
 
 @axis_step.internal(forceinline=True)
-def _predict(tables, memory, w, believed, drive, y):
+def _predict(tables, memory, w, nominal, drive, y):
     """Advance the estimate by (7), or without its correction; `memory` in place."""
     numbers, matrices, gains = tables.numbers, tables.matrices, tables.gains
     mode, node = int(memory[MODE]), int(memory[NODE]) - 1
     x, v, integral = memory[XHAT], memory[VHAT], memory[WHAT]
-    error, force = 0.0 if numbers[CURRENT] else y - x, w - believed
+    error, force = 0.0 if numbers[CURRENT] else y - x, w - nominal
     a, g = COLUMNS * (mode + 1), 3 * node
     memory[XHAT] = (
         x + matrices[a + A12] * v + matrices[a + B1] * force + matrices[a + E1] * integral
@@ -233,16 +236,16 @@ def _predict(tables, memory, w, believed, drive, y):
 
 @axis_step.internal(forceinline=True)
 def _sample(tables, memory, t, u, y, out, row):
-    friction, w, believed, drive = _decide(tables, memory, t, u, y)
+    friction, w, nominal, drive = _mode_and_friction(tables, memory, t, u, y)
     out[row], out[row + 1], out[row + 2] = memory[XHAT], memory[VHAT], friction
     out[row + 3], out[row + 4] = memory[WHAT], memory[MODE]
-    _predict(tables, memory, w, believed, drive, y)
+    _predict(tables, memory, w, nominal, drive, y)
 
 
 @njit(cache=True, error_model="numpy")
 def step(numbers, matrices, gains, transitions, axis_numbers, axis_integers, memory, t, u, y, out):
     """One sample: outputs into `out`, `memory` advanced."""
-    tables = _point(numbers, matrices, gains, transitions, axis_numbers, axis_integers)
+    tables = _addresses(numbers, matrices, gains, transitions, axis_numbers, axis_integers)
     _sample(tables, axis_step.pointer(memory), t, u, y, axis_step.pointer(out), 0)
 
 
@@ -255,7 +258,7 @@ def run(
     `known`: force on the mass that is known, shape (n,), or (0,) for none.
     """
     own = axis_numbers.copy()
-    tables = _point(numbers, matrices, gains, transitions, own, axis_integers)
+    tables = _addresses(numbers, matrices, gains, transitions, own, axis_integers)
     state, rows = axis_step.pointer(memory), axis_step.pointer(out)
     for k in range(u.shape[0]):
         if known.shape[0] > 0:

@@ -19,7 +19,7 @@ from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.estimation.likelihood import BASE_LOG_DEVIATION
 from dryfric_control.estimation.parameters import SHIFT, values_of, with_values
-from dryfric_control.estimation.smoothed_motion import drive_at_the_mass, missing_force
+from dryfric_control.estimation.smoothed_motion import drive_at_the_mass, known_force, missing_force
 from dryfric_control.model.axis import FrictionAxis
 
 # Autocorrelation below which samples count as independent.
@@ -67,6 +67,8 @@ class ForceView(ModelView):
             for name in ("x", "v", "a", "direction")
         )
         self.u = self._drive_at_the_mass(axis)
+        hold = problem.hold
+        self.load = np.concatenate([known_force(m.record, hold) for m in self.motions])
         self.scale = 1.0
         self.y = self._smoothed([self._missing(axis)])[:, 0]
         self._set_scale()
@@ -80,7 +82,8 @@ class ForceView(ModelView):
         """Force that the motion needs beyond what the axis has, shape (n,)."""
         u = self.u if u is None else u
         rows = zip(self.motions, self.slices, strict=True)
-        return np.concatenate([missing_force(axis, m, u[part]) for m, part in rows])
+        found = [missing_force(axis, m, u[part], self.load[part]) for m, part in rows]
+        return np.concatenate(found)
 
     def _smoothed(self, some: Sequence[Floats]) -> Floats:
         columns = np.stack(some, axis=1)

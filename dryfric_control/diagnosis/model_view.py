@@ -54,6 +54,8 @@ class ModelView:
         The model.
     t, x, v, a, u : ndarray, shape (n,)
         Time, position, velocity, acceleration and drive.
+    load : ndarray, shape (n,) or (0,)
+        Known force on the mass.
     direction : ndarray, shape (n,)
         Direction of sliding, 0 at rest.
     y : ndarray, shape (m,)
@@ -72,6 +74,7 @@ class ModelView:
     v: Floats
     a: Floats
     u: Floats
+    load: Floats
     direction: Floats
     y: Floats
     scale: Any  # of the residual, over what it is a residual of

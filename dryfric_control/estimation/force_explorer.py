@@ -18,6 +18,7 @@ from dryfric_control.drawing import MEASURED, PanelPlot, axes_of, control_plot, 
 from dryfric_control.estimation.smoothed_motion import (
     SmoothedMotion,
     drive_at_the_mass,
+    known_force,
     missing_force,
 )
 from dryfric_control.model.axis import FrictionAxis
@@ -81,6 +82,7 @@ class ForceExplorer:
         self._start = axis.effective()
         self._motion = SmoothedMotion.of(record, self._start.mass)
         self._drive = drive_at_the_mass(self._start, record, hold)
+        self._known = known_force(record)
         at = self._motion.places
         self._shown = slice(None, None, max(1, at.size // _DOTS))
         self._v, self._x = self._motion.v[at], self._motion.x[at]
@@ -144,7 +146,7 @@ class ForceExplorer:
     @property
     def missing(self) -> Floats:
         """Force that is missing in the sliding samples, shape (m,)."""
-        left = missing_force(self.axis, self._motion, self._drive)
+        left = missing_force(self.axis, self._motion, self._drive, self._known)
         return self._motion.smoothed(left[:, None])[:, 0]
 
     @property

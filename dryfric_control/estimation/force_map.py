@@ -14,6 +14,7 @@ from dryfric_control.estimation.smoothed_motion import (
     SmoothedMotion,
     distance_since_reversal,
     drive_at_the_mass,
+    known_force,
     missing_force,
 )
 from dryfric_control.model.axis import FrictionAxis
@@ -150,8 +151,8 @@ def force_map(axis: FrictionAxis, record: Record, hold: str = "zero") -> ForceMa
     check_units(axis, record, "record")
     axis = axis.effective()
     motion = SmoothedMotion.of(record, axis.mass)
-    u = drive_at_the_mass(axis, record, hold)
-    columns = np.stack((missing_force(axis, motion, u), u), axis=1)
+    u, known = drive_at_the_mass(axis, record, hold), known_force(record, hold)
+    columns = np.stack((missing_force(axis, motion, u, known), u), axis=1)
     missing, drive = motion.smoothed(columns).T
     at = motion.places
     way = motion.direction[at]

@@ -171,14 +171,24 @@ def drive_at_the_mass(axis: FrictionAxis, record: Record, hold: str = "zero") ->
     """
     late = tuple(e for e in axis.effects if e.action in ("delay", "lag"))
     line = FrictionAxis(axis.mass, 0.0, CoulombMap.of(0.0), effects=late)
-    u = at_the_mass(line, record, hold)[1].u
+    return _at_the_samples(at_the_mass(line, record, hold)[1].u, hold)
+
+
+def known_force(record: Record, hold: str = "zero") -> Floats:
+    """Known force on the mass in the same way, shape (n,); zeros where there is none."""
+    force = record.known_force
+    return _at_the_samples(force, hold) if force.size else np.zeros(len(record))
+
+
+def _at_the_samples(u: Floats, hold: str) -> Floats:
+    """Held input as the mean before and after each sample, else as it is."""
     return np.asarray(0.5 * (u + np.concatenate((u[:1], u[:-1]))) if hold == "zero" else u)
 
 
-def missing_force(axis: FrictionAxis, motion: SmoothedMotion, u: Floats) -> Floats:
-    """Force that a motion needs beyond what the axis has under a drive, shape (n,)."""
+def missing_force(axis: FrictionAxis, motion: SmoothedMotion, u: Floats, known: Floats) -> Floats:
+    """Force that a motion needs beyond what the axis has under a drive and a known force, (n,)."""
     way = motion.direction.astype(np.int64)
-    given = net_force(axis, motion.record.t, motion.x, motion.v, u, way)
+    given = net_force(axis, motion.record.t, motion.x, motion.v, u, way, known)
     return np.asarray(axis.mass * motion.a - given)
 
 

@@ -20,14 +20,28 @@ import numpy as np
 from dryfric_control._version import __version__
 from dryfric_control.checks import one_of
 from dryfric_control.compiled import axis_step
-from dryfric_control.export.objects import ROOM, Exported, Signal, exported
-from dryfric_control.export.translate import MOST_PASSES, SHIFT, Function, Translator
+from dryfric_control.export.objects import (
+    ROOM,
+    Exported,
+    Signal,
+    export_object,
+)
+from dryfric_control.export.translate import (
+    MOST_PASSES,
+    SHIFT,
+    Function,
+    Translator,
+)
 from dryfric_control.store.files import existing_folder, named, replacing
 from dryfric_control.store.saved import write_document
 from dryfric_control.text import WIDTH
 
 #: Types of a number, and of a position that goes in or comes out.
-PRECISIONS = {"double": ("double",) * 2, "single": ("float",) * 2, "mixed": ("float", "double")}
+PRECISIONS = {
+    "double": ("double",) * 2,
+    "single": ("float",) * 2,
+    "mixed": ("float", "double"),
+}
 #: Samples after which single precision looks whether the origin of the positions is still near.
 _LOOKS = 64
 #: The time at rest that grew by one sample, in several steps, is off by less than this share.
@@ -91,10 +105,11 @@ def export_c(
     ['slide.h', 'slide.c', 'slide.json', 'README.md']
     """
     one_of("precision", precision, PRECISIONS)
-    made = exported(obj, name, dt)
+    made = export_object(obj, name, dt)
     code = Code(made, precision)
     where = existing_folder(folder)
-    words, about = code.readme(), where / "README.md"
+    words = code.readme_text()
+    about = where / "README.md"
     if about.is_file() and about.read_bytes().split(b"\n")[0] != words.split("\n")[0].encode():
         about = where / f"README_{made.name}.md"  # that of another object stays
     texts = {
@@ -132,13 +147,14 @@ class Code:
     """Texts of one exported object in one of `PRECISIONS`."""
 
     def __init__(self, made: Exported, precision: str = "double") -> None:
-        self.made, self.precision = made, precision
+        self.made = made
+        self.precision = precision
         self.real, self.place = PRECISIONS[precision]
         self.single = self.real == "float"
         self.out: Translator
         self.step: Function
         self.look: Function | None
-        self.out, self.step, self.look = made.translated(self.single)
+        self.out, self.step, self.look = made.translation(self.single)
         self.functions = self.out.text().rstrip("\n")
         self.starts = tuple(signal for signal, _ in made.starts)
         self.inputs = [self._input(signal) for signal in made.inputs]
@@ -155,13 +171,23 @@ class Code:
     def render(self, template: str, **values: Any) -> str:
         """A file of the folder `sources`, filled in."""
         environment = jinja2.Environment(
-            undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+            undefined=jinja2.StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
             keep_trailing_newline=True,
-        )  # fmt: skip
-        environment.filters.update(
-            number=self.out.number, quoted=quoteattr, wrap=textwrap.fill, comment=_comment
         )
-        given = {"code": self, "made": self.made, "n": self.made.name, "room": ROOM}
+        environment.filters.update(
+            number=self.out.number,
+            quoted=quoteattr,
+            wrap=textwrap.fill,
+            comment=_comment,
+        )
+        given = {
+            "code": self,
+            "made": self.made,
+            "n": self.made.name,
+            "room": ROOM,
+        }
         return environment.from_string(source_text(template)).render(given | values)
 
     @cached_property
@@ -171,7 +197,12 @@ class Code:
         low, high = axis.travel or (-math.inf, math.inf)
         middle = 0.5 * (max(low, -1e9) + min(high, 1e9))
         level = max(float(axis.coulomb(middle, s)) for s in (1, -1))
-        ranges = {"low": low, "high": high, "level": level, "units": axis.units}
+        ranges = {
+            "low": low,
+            "high": high,
+            "level": level,
+            "units": axis.units,
+        }
         return self.render("object.h.jinja", version=__version__, **ranges)
 
     @cached_property
@@ -179,43 +210,47 @@ class Code:
         """All code and constants."""
         return self.render("object.c.jinja", shift=SHIFT, looks=_LOOKS, rounded=_ROUNDED)
 
-    def readme(self) -> str:
+    def readme_text(self) -> str:
         """How to compile and call it, what a sample costs, what it takes of memory."""
-        given = {"version": __version__, "passes": MOST_PASSES, "operations": _OPERATIONS}
+        given = {
+            "version": __version__,
+            "passes": MOST_PASSES,
+            "operations": _OPERATIONS,
+        }
         return self.render("README.md.jinja", **given)
 
     def type(self, signal: Signal) -> str:
         """Type of a signal at the interface."""
         if signal.whole:
             return "int32_t"
-        return self.place if self._apart(signal) else f"{self.made.name}_real"
+        return self.place if self._needs_cast(signal) else f"{self.made.name}_real"
 
-    def _apart(self, signal: Signal) -> bool:
+    def _needs_cast(self, signal: Signal) -> bool:
         return signal.place and self.place != self.real
 
-    def declared(self, signals: tuple[Signal, ...]) -> str:
+    def parameter_list(self, signals: tuple[Signal, ...]) -> str:
         """Parameters of a function, behind others."""
         return "".join(f", {self.type(s)} {s.name}" for s in signals)
 
     def cast(self, signal: Signal, text: str) -> str:
         """A signal of the interface as a number of the kernels."""
-        return f"(real){text}" if self._apart(signal) else text
+        return f"(real){text}" if self._needs_cast(signal) else text
 
     def _input(self, signal: Signal) -> str:
         """An input as the kernel takes it."""
         if not (signal.place and self.single):
             return signal.name
         inner = f"{signal.name} - state->origin"
-        return f"(real)({inner})" if self._apart(signal) else inner
+        return f"(real)({inner})" if self._needs_cast(signal) else inner
 
     def output(self, signal: Signal, text: str) -> str:
         """An output as the interface returns it."""
         if signal.place and self.single:
-            return f"state->origin + {f'({self.place})' if self._apart(signal) else ''}{text}"
+            return f"state->origin + {f'({self.place})' if self._needs_cast(signal) else ''}{text}"
         return f"(int32_t){text}" if signal.whole else text
 
     @property
-    def watched(self) -> str:
+    def origin_position(self) -> str:
         """Position that the origin follows in single precision."""
         read = [c for s, c in zip(self.made.inputs, self.inputs, strict=True) if s.place]
         return read[-1] if read else f"state->memory[{self.made.places[0][0]}]"
@@ -227,7 +262,7 @@ class Code:
             return self.out.number(0.0)
         return f"(real)state->samples * {self.out.number(self.made.dt)}"
 
-    def called(self, function: Function, arguments: list[str]) -> str:
+    def call_text(self, function: Function, arguments: list[str]) -> str:
         """Call of a kernel, of its arguments those that it takes."""
         given = [a for a, used in zip(arguments, function.used, strict=True) if used]
         if function.shifted:
@@ -240,7 +275,11 @@ class Code:
             if f"dfc_{name}" in self.functions or (self.made.moves and name == "numbers"):
                 whole = array.dtype.kind == "i"
                 kind, text = ("int32_t", str) if whole else ("real", self.out.number)
-                yield name, kind, [text(v) for v in array.ravel().tolist()]
+                yield (
+                    name,
+                    kind,
+                    [text(v) for v in array.ravel().tolist()],
+                )
 
     @property
     def state_size(self) -> int:
@@ -271,20 +310,24 @@ class Code:
             return f"(real)(uint32_t)(({count} * {share}u) >> 32) * {unit}"
         if variable == "x":
             return "(real)state->origin"
-        high, low = f"(real)(uint32_t)({count} >> 32)", f"(real)(uint32_t){count}"
+        high = f"(real)(uint32_t)({count} >> 32)"
+        low = f"(real)(uint32_t){count}"
         return f"{high} * {self.out.number(step * 2**32)} + {low} * {self.out.number(step)}"
 
     def numbers(self) -> dict[str, Any]:
         """All numbers, for the JSON file."""
 
-        def plain(array: Any) -> Any:
+        def json_list(array: Any) -> Any:
             values = np.asarray(array).ravel().tolist()
             return [v if math.isfinite(v) else str(v) for v in values]
 
         made = self.made
         signals = {
             which: [{"name": s.name, "unit": s.unit, "meaning": s.meaning} for s in group]
-            for which, group in (("inputs", made.inputs), ("outputs", made.outputs))
+            for which, group in (
+                ("inputs", made.inputs),
+                ("outputs", made.outputs),
+            )
         }
         tables = {}
         for name, array in made.tables.items():
@@ -293,7 +336,10 @@ class Code:
                 # Addresses are those of this process alone.
                 kept = array[: axis_step.LAWS].copy()
                 kept[[axis_step.RIGID_TASK, axis_step.TASK]] = 0
-            tables[name] = {"shape": list(array.shape), "values": plain(kept)}
+            tables[name] = {
+                "shape": list(array.shape),
+                "values": json_list(kept),
+            }
         return {
             "name": made.name,
             "kind": made.kind,
@@ -302,7 +348,7 @@ class Code:
             "units": list(made.axis.units),
             **signals,
             "starts": [s.name for s, _ in made.starts],
-            "memory": plain(made.memory),
+            "memory": json_list(made.memory),
             "tables": tables,
             "operations": {group: self.step.cost[group] for group in _OPERATIONS},
         }

@@ -10,12 +10,12 @@ from __future__ import annotations
 from dryfric_control.compiled import axis_step, compensation
 
 
-def smaller(a, b):
+def minimum(a, b):
     """The smaller of two numbers."""
     return b if b < a else a
 
 
-def larger(a, b):
+def maximum(a, b):
     """The larger of two numbers."""
     return b if b > a else a
 
@@ -36,7 +36,7 @@ def move(numbers, integers, memory, t, dt, u, first, events, count, out):
     out[1], out[2], out[3] = axis_step.sample(plant, t, dt, u, u, memory, events, count)
 
 
-def look(numbers, integers, memory, t, dt, u, out):
+def axis_outputs(numbers, integers, memory, t, dt, u, out):
     """What the axis shows under an input, without a motion."""
     plant = axis_step.point(numbers, integers)
     out[0] = axis_step.reading(plant, t, memory)

@@ -21,27 +21,49 @@ from typing import Any
 import numpy as np
 
 from dryfric_control._version import __version__
-from dryfric_control.arrays import Ints
+from dryfric_control.arrays import Floats, Ints
 from dryfric_control.compiled import axis_step
 from dryfric_control.export.c_code import Code, source_text
-from dryfric_control.export.objects import Exported, Signal, exported
+from dryfric_control.export.objects import Exported, Signal, export_object
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.store.files import file_path, named, write_file
 from dryfric_control.units import powers
 
 VERSIONS = ("3.0", "2.0")
-_SYSTEMS = {"Linux": ("linux", "so"), "Darwin": ("darwin", "dylib"), "Windows": ("windows", "dll")}
-_MACHINES = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
+_SYSTEMS = {
+    "Linux": ("linux", "so"),
+    "Darwin": ("darwin", "dylib"),
+    "Windows": ("windows", "dll"),
+}
+_MACHINES = {
+    "amd64": "x86_64",
+    "x86_64": "x86_64",
+    "arm64": "aarch64",
+    "aarch64": "aarch64",
+}
 _OLD = {"linux": "linux64", "darwin": "darwin64", "windows": "win64"}
 _LEAST = 1e-300
 #: Parameters of every axis: name, unit, meaning, least value.
 _BASE = (
     ("mass", "kg", "moving mass", _LEAST),
     ("viscous", "N s/m", "viscous coefficient", 0.0),
-    ("stick_speed", "m/s", "speed below which the axis counts as motionless", _LEAST),
-    ("stick_rate", "1/s", "decay rate of the velocity while stuck", _LEAST),
+    (
+        "stick_speed",
+        "m/s",
+        "speed below which the axis counts as motionless",
+        _LEAST,
+    ),
+    (
+        "stick_rate",
+        "1/s",
+        "decay rate of the velocity while stuck",
+        _LEAST,
+    ),
 )
-_PEAK = (("excess", "1", "height", 0.0), ("speed", "m/s", "width", _LEAST))
+_PEAK = (
+    ("excess", "1", "height", 0.0),
+    ("speed", "m/s", "width", _LEAST),
+)
 
 #: A number of an axis, and what a parameter makes it: `factor * value`, or `factor / value` if so.
 _Place = tuple[int, float, bool]
@@ -95,7 +117,7 @@ def export_fmu(
     """
     if version not in VERSIONS:
         raise ValueError(f'version must be "3.0" or "2.0", got {version!r}')
-    made = exported(obj, name, dt)
+    made = export_object(obj, name, dt)
     if made.name in ("model", "fmi", "fmi2", "fmi3"):
         raise ValueError(f'name {made.name!r} is that of a file in every FMU: pass name="..."')
     target = file_path("path", path)
@@ -104,7 +126,7 @@ def export_fmu(
     if not target.parent.is_dir():
         raise ValueError(f"path {str(path)!r} is in no folder that there is: make it first")
     model = Model(made, version)
-    content = model.zipped()
+    content = model.archive_bytes()
     with named(f"path {str(path)!r}"):
         write_file(target, content)
     return target
@@ -119,23 +141,19 @@ def settings(axis: FrictionAxis, dt: float) -> list[tuple[Signal, list[_Place]]]
         fixed |= {axis_step.SHORT_WAY, axis_step.SHORT_TIME}
     bounds = _bounds(axis.arrays(dt).integers)
     found = []
-    for one, changed in _parameters(axis):
-        value = one.start or 0.0
+    for parameter, changed in _parameters(axis):
+        value = parameter.start or 0.0
         moved = value * 1.01 if value else 1e-3
         try:
             other = changed(moved).arrays(dt).numbers
         except ValueError:
             continue
-        if other.size != base.size:
-            continue
-        touched = np.flatnonzero(base != other).tolist()
-        places = {i: _place(i, value, moved, base[i], other[i]) for i in touched}
-        known = [place for place in places.values() if place is not None]
-        # Bounds follow where they are in proportion, and else stay.
-        touched = [i for i, place in places.items() if place is not None or i not in bounds]
-        if known and len(known) == len(touched) and fixed.isdisjoint(touched):
-            least = max(one.low, _LEAST) if any(inverse for _, _, inverse in known) else one.low
-            found.append((replace(one, low=least), known))
+        places = _proportional_places(base, other, value, moved, bounds)
+        if places and fixed.isdisjoint(place for place, _, _ in places):
+            low = parameter.low
+            if any(inverse for _, _, inverse in places):
+                low = max(low, _LEAST)
+            found.append((replace(parameter, low=low), places))
     return found
 
 
@@ -148,6 +166,22 @@ def _bounds(integers: Ints) -> set[int]:
     slopes = np.concatenate((slopes, slopes + integers[axis_step.N_NUMBERS]))
     corners = integers[axis_step.CORNERS] + range(integers[axis_step.N_CORNERS])
     return {*slopes.tolist(), *corners.tolist()}
+
+
+def _proportional_places(
+    base: Floats, other: Floats, value: float, moved: float, bounds: set[int]
+) -> list[_Place] | None:
+    """Numbers that a parameter sets in proportion; None if it changes others, too."""
+    if other.size != base.size:
+        return None
+    places = []
+    for i in np.flatnonzero(base != other).tolist():
+        place = _place(i, value, moved, base[i], other[i])
+        if place is not None:
+            places.append(place)
+        elif i not in bounds:  # bounds follow where they are in proportion, and else stay
+            return None
+    return places
 
 
 def _place(place: int, value: float, moved: float, before: float, after: float) -> _Place | None:
@@ -167,39 +201,72 @@ def _exact(factor: float) -> float:
 def _parameters(axis: FrictionAxis) -> Iterator[tuple[Signal, Any]]:
     """Every parameter of an axis, and the axis as a function of its value."""
 
-    def own(
-        name: str, unit: str, meaning: str, value: float, low: float, high: float = math.inf
+    def parameter_signal(
+        name: str,
+        unit: str,
+        meaning: str,
+        value: float,
+        low: float,
+        high: float = math.inf,
     ) -> Signal:
-        return Signal(name, unit, meaning, causality="parameter", start=value, low=low, high=high)
+        return Signal(
+            name,
+            unit,
+            meaning,
+            causality="parameter",
+            start=value,
+            low=low,
+            high=high,
+        )
 
     for name, unit, meaning, least in _BASE:
         yield (
-            own(name, axis.unit(unit), meaning, getattr(axis, name), least),
+            parameter_signal(name, axis.unit(unit), meaning, getattr(axis, name), least),
             lambda v, name=name: axis.replace(**{name: v}),
         )
     for side in ("plus", "minus"):
         for i, c in enumerate(levels := getattr(axis.coulomb, side)):
-            unit, least = axis.unit(f"N/m^{i}" if i else "N"), -math.inf if i else 0.0
+            unit = axis.unit(f"N/m^{i}" if i else "N")
+            least = -math.inf if i else 0.0
             others = levels[:i], levels[i + 1 :]
             yield (
-                own(f"coulomb_{side}_{i}", unit, f"Coulomb level, coefficient of x^{i}", c, least),
+                parameter_signal(
+                    f"coulomb_{side}_{i}",
+                    unit,
+                    f"Coulomb level, coefficient of x^{i}",
+                    c,
+                    least,
+                ),
                 lambda v, side=side, others=others: axis.replace(
-                    coulomb=replace(axis.coulomb, **{side: (*others[0], v, *others[1])})
+                    coulomb=replace(
+                        axis.coulomb,
+                        **{side: (*others[0], v, *others[1])},
+                    )
                 ),
             )
     if (peak := axis.stribeck) is not None:
         for name, unit, what, least in _PEAK:
             words = f"{what} of the Stribeck peak"
             yield (
-                own(f"stribeck_{name}", axis.unit(unit), words, getattr(peak, name), least),
+                parameter_signal(
+                    f"stribeck_{name}",
+                    axis.unit(unit),
+                    words,
+                    getattr(peak, name),
+                    least,
+                ),
                 lambda v, name=name: axis.replace(stribeck=replace(peak, **{name: v})),
             )
     for slug, effect in axis.named_effects().items():
         units = type(effect).units(axis.units)
         for item in fields(effect) if effect in axis.effects else ():
-            more = item.metadata["doc"], getattr(effect, item.name), *item.metadata["bounds"]
+            more = (
+                item.metadata["doc"],
+                getattr(effect, item.name),
+                *item.metadata["bounds"],
+            )
             yield (
-                own(f"{slug}_{item.name}", units[item.name], *more),
+                parameter_signal(f"{slug}_{item.name}", units[item.name], *more),
                 lambda v, e=effect, n=item.name: axis.replace(
                     effects=[replace(o, **{n: v}) if o is e else o for o in axis.effects]
                 ),
@@ -210,7 +277,9 @@ class Model:
     """Files of one FMU: an exported object at a version of the interface."""
 
     def __init__(self, made: Exported, version: str) -> None:
-        self.made, self.version, self.major = made, version, version[0]
+        self.made = made
+        self.version = version
+        self.major = version[0]
         self.code = Code(made)
         self.settings = settings(made.axis.effective(), made.dt) if made.moves else []
         self.variables = self._variables()
@@ -263,15 +332,15 @@ class Model:
             f"{n}.h": self.code.header,
         }
 
-    def zipped(self) -> bytes:
+    def archive_bytes(self) -> bytes:
         """The whole FMU."""
-        binary, library = self.built()
+        binary, library = self.library()
         content: dict[str, bytes] = {"modelDescription.xml": self.description().encode("utf-8")}
         content |= {f"sources/{name}": text.encode("utf-8") for name, text in self.files.items()}
         if self.major == "3":
             build = self.code.render("buildDescription.xml.jinja", version=self.version)
             content["sources/buildDescription.xml"] = build.encode("utf-8")
-        content["documentation/README.md"] = self.code.readme().encode("utf-8")
+        content["documentation/README.md"] = self.code.readme_text().encode("utf-8")
         content[f"binaries/{binary}"] = library
         buffer = io.BytesIO()
         with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -282,7 +351,7 @@ class Model:
                 archive.writestr(entry, data)
         return buffer.getvalue()
 
-    def built(self) -> tuple[str, bytes]:
+    def library(self) -> tuple[str, bytes]:
         """Path and content of the library for this platform."""
         compiler = next((c for c in ("gcc", "cc", "clang") if shutil.which(c)), None)
         if compiler is None:
@@ -298,9 +367,20 @@ class Model:
             for file, text in self.files.items():
                 (Path(folder) / file).write_text(text, encoding="utf-8")
             command = [
-                compiler, "-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC", "-Wall",
-                "-Wextra", f"-I{fmi_headers()}", f"fmi{self.major}.c", "-o", name, "-lm",
-            ]  # fmt: skip
+                compiler,
+                "-std=c99",
+                "-O2",
+                "-ffp-contract=off",
+                "-shared",
+                "-fPIC",
+                "-Wall",
+                "-Wextra",
+                f"-I{fmi_headers()}",
+                f"fmi{self.major}.c",
+                "-o",
+                name,
+                "-lm",
+            ]
             done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
             if done.returncode:
                 raise ValueError(f"{compiler} refuses the C: {done.stderr.strip()[-600:]}")

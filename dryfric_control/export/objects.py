@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 
 from dryfric_control.checks import positive
 from dryfric_control.compensation.design import Compensation
-from dryfric_control.compiled import axis_step, compensation, elastic, observer
+from dryfric_control.compiled import (
+    axis_step,
+    compensation,
+    elastic,
+    observer,
+)
 from dryfric_control.export import entries
 from dryfric_control.export import translate as c
 from dryfric_control.export.translate import Function, Translator
@@ -108,14 +113,17 @@ class Exported:
         return 2.0 ** math.floor(math.log2(min(short)))
 
     @property
-    def periods(self) -> dict[tuple[tuple[int, ...], int], tuple[float, float]]:
+    def periods(
+        self,
+    ) -> dict[tuple[tuple[int, ...], int], tuple[float, float]]:
         """Time and length after which each law repeats, by the integers of its axis."""
         kinds = {law_address(kind): kind for kind in self._effects()}
         found = {}
         for name, integers in self.tables.items():
             if not name.endswith("integers") or integers.size < axis_step.LAWS:
                 continue
-            numbers, i = self.tables[name.replace("integers", "numbers")], axis_step
+            numbers = self.tables[name.replace("integers", "numbers")]
+            i = axis_step
             for k in range(sum(integers[[i.N_INPUT, i.N_FORCE, i.N_LEVEL, i.N_READING]])):
                 kind = kinds[integers[i.LAWS + 2 * k]]
                 first = integers[i.LAWS + 2 * k + 1]
@@ -132,12 +140,20 @@ class Exported:
             if effect.action in ("input", "force", "friction", "reading")
         }
 
-    def translated(self, single: bool) -> tuple[Translator, Function, Function | None]:
+    def translation(self, single: bool) -> tuple[Translator, Function, Function | None]:
         """The kernels in C: all of them, that of one sample, and that which only looks."""
-        laws = {axis_step.rigid_task().address: ("rigid", axis_step._rigid_task)}
+        laws = {
+            axis_step.rigid_task().address: (
+                "rigid",
+                axis_step._rigid_task,
+            )
+        }
         laws |= {law_address(kind): (kind.slug, kind.law) for kind in self._effects()}
         if self.moves and self.tables["integers"][axis_step.STRUCTURE]:
-            laws[elastic.inner_task().address] = ("inner", elastic._inner_task)
+            laws[elastic.inner_task().address] = (
+                "inner",
+                elastic._inner_task,
+            )
         out = Translator(laws, single, self.periods)
         try:
             return out, *self._functions(out)
@@ -148,15 +164,20 @@ class Exported:
             ) from None
 
     def _functions(self, out: Translator) -> tuple[Function, Function | None]:
-        memory, table = c.Pointer("p"), {n: self._table(n) for n in self.tables}
+        memory = c.Pointer("p")
+        table = {n: self._table(n) for n in self.tables}
         if self.moves:
             places = [axis_step.DELAY, axis_step.LAG]
             known = tuple((i, float(self.tables["numbers"][i])) for i in places)
             numbers = c.Pointer("p", "f", True, known)
             plant = (numbers, table["integers"], memory, c.F, c.F, c.F)
             events = (c.Pointer("p"), c.Pointer("p", "i"))
-            step = out.function(entries.move, (*plant, c.BOOL, *events, memory), "dfc_sample")
-            return step, out.function(entries.look, (*plant, memory), "dfc_look")
+            step = out.function(
+                entries.move,
+                (*plant, c.BOOL, *events, memory),
+                "dfc_sample",
+            )
+            return step, out.function(entries.axis_outputs, (*plant, memory), "dfc_look")
         given: tuple[c.Kind, ...] = tuple(table.values())
         if self.entry is entries.compensate:
             given = (c.Record("Law", compensation.Law._fields, given),)
@@ -170,7 +191,7 @@ class Exported:
         return c.Table("k", f"dfc_{name}", element, array.shape, values)
 
 
-def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Exported:
+def export_object(obj: Any, name: str | None = None, dt: float | None = None) -> Exported:
     """An object as it is exported."""
     maker = _maker_of(obj)
     plant = isinstance(obj, FrictionAxis)
@@ -192,7 +213,13 @@ def exported(obj: Any, name: str | None = None, dt: float | None = None) -> Expo
     free = re.sub(r"[^A-Za-z0-9_]+", "_", known.name + maker.suffix) if name is None else name
     own = _identifier(free, name is None)
     return Exported(
-        own, maker.kind, known, step, maker.returns, maker.entry, **maker.parts(obj, step)
+        own,
+        maker.kind,
+        known,
+        step,
+        maker.returns,
+        maker.entry,
+        **maker.parts(obj, step),
     )
 
 
@@ -232,15 +259,29 @@ def _of_axis(axis: FrictionAxis, dt: float) -> dict[str, Any]:
     length, force = axis.units
     words = "The switched model of the package, its switches located inside the samples:\n"
     return {
-        "tables": {"numbers": arrays.numbers, "integers": arrays.integers},
+        "tables": {
+            "numbers": arrays.numbers,
+            "integers": arrays.integers,
+        },
         "memory": np.zeros(arrays.memory),
         "starts": (
-            (Signal("x0", length, "position at the start", place=True), axis_step.X),
-            (Signal("v0", f"{length}/s", "velocity at the start"), axis_step.V),
+            (
+                Signal("x0", length, "position at the start", place=True),
+                axis_step.X,
+            ),
+            (
+                Signal("v0", f"{length}/s", "velocity at the start"),
+                axis_step.V,
+            ),
         ),
         "inputs": (Signal("u", force, "drive force, held to the next sample"),),
         "outputs": (
-            Signal("x", length, "position, as the encoder reads it", place=True),
+            Signal(
+                "x",
+                length,
+                "position, as the encoder reads it",
+                place=True,
+            ),
             Signal("v", f"{length}/s", "velocity"),
             Signal("friction", force, "friction force"),
             Signal("mode", "1", "0 stuck, +1 and -1 sliding", True),
@@ -254,7 +295,12 @@ def _of_axis(axis: FrictionAxis, dt: float) -> dict[str, Any]:
 def _of_observer(made: Observer, dt: float) -> dict[str, Any]:
     axis = made.axis
     first = {
-        "xhat0": Signal("xhat0", axis.unit("m"), "first estimate of the position", place=True),
+        "xhat0": Signal(
+            "xhat0",
+            axis.unit("m"),
+            "first estimate of the position",
+            place=True,
+        ),
         "vhat0": Signal("vhat0", axis.unit("m/s"), "first estimate of the velocity"),
         "what0": Signal("what0", axis.unit("N"), "first integral term"),
     }
@@ -265,7 +311,7 @@ def _of_observer(made: Observer, dt: float) -> dict[str, Any]:
         "starts": tuple((first[name], place) for name, place in made.starts.items()),
         "inputs": _drive_and_reading(axis),
         "outputs": (*_estimates(axis), *more),
-        "promise": made.promise,
+        "promise": made.certificate_text,
         "places": made.position_places,
         "rest": made.rest_place,
     }
@@ -279,7 +325,10 @@ def _of_compensation(comp: Compensation, dt: float) -> dict[str, Any]:
     # The observer of a learning law works on the error, the others on the position.
     learned = law.numbers[compensation.SOURCE] == compensation.LEARNED
     places = (
-        *(compensation.AHEAD, *(() if learned else (compensation.INNER,))),
+        *(
+            compensation.AHEAD,
+            *(() if learned else (compensation.INNER,)),
+        ),
         *(compensation.LINE + compensation.STRIDE * i for i in range(lead)),
         *(watch + observer.XHAT, watch + observer.PLACE),
     )
@@ -287,7 +336,12 @@ def _of_compensation(comp: Compensation, dt: float) -> dict[str, Any]:
         "tables": {n: np.asarray(array) for n, array in law._asdict().items()},
         "memory": comp.controller.memory(),
         "inputs": (
-            Signal("xref", length, f"reference of {comp.lead} samples later", place=True),
+            Signal(
+                "xref",
+                length,
+                f"reference of {comp.lead} samples later",
+                place=True,
+            ),
             Signal("vref", f"{length}/s", "its velocity"),
             Signal("aref", f"{length}/s^2", "its acceleration"),
             Signal("y", length, "position read at this sample", place=True),
@@ -297,7 +351,10 @@ def _of_compensation(comp: Compensation, dt: float) -> dict[str, Any]:
             Signal("friction", force, "its part that compensates friction"),
         ),
         "promise": comp.summary(),
-        "more": (comp.rigid_axis, *([comp.observer.axis] if comp.observer is not None else [])),
+        "more": (
+            comp.rigid_axis,
+            *([comp.observer.axis] if comp.observer is not None else []),
+        ),
         "places": tuple((place, 1.0) for place in places),
         "rest": watch + observer.REST,
         "clock": compensation.SAMPLES,
@@ -326,7 +383,13 @@ def _maker_of(obj: Any) -> _Maker:
             "A step returns the estimate at the instant of the reading, under the drive from then "
             "on; then it predicts the next sample."
         )
-        return _Maker(obj.suffix, obj.title, returns, obj.sample_kernel.step, _of_observer)
+        return _Maker(
+            obj.suffix,
+            obj.title,
+            returns,
+            obj.sample_kernel.step,
+            _of_observer,
+        )
     if isinstance(obj, Compensation):
         return _Maker(
             "_compensation",

@@ -95,7 +95,10 @@ def is_erased(kind: Kind) -> bool:
     return isinstance(kind, (Known, Table)) or (isinstance(kind, Axis) and kind.name != "")
 
 
-F, INT, BOOL, NOTHING = Kind("f"), Kind("i"), Kind("b"), Kind("v")
+F = Kind("f")
+INT = Kind("i")
+BOOL = Kind("b")
+NOTHING = Kind("v")
 _ATOM, _UNARY, _PRODUCT, _SUM, _ORDER, _EQUAL, _AND, _OR, _CHOICE = range(9, 0, -1)
 
 
@@ -111,7 +114,7 @@ class Value:
     #: Variables and functions in the text; "*name" where an address is used but to read numbers.
     reads: frozenset[str] | None = None
 
-    def within(self, level: int) -> str:
+    def in_parentheses(self, level: int) -> str:
         """The text, in parentheses where `level` binds closer."""
         return self.text if self.binds >= level else f"({self.text})"
 
@@ -136,7 +139,14 @@ KEYWORDS = frozenset(
     "inline int long register restrict return short signed sizeof static struct switch typedef "
     "union unsigned void volatile while _Bool _Complex _Imaginary bool true false".split()
 )
-_BUILTIN = {"min": min, "max": max, "abs": math.fabs, "int": int, "float": float, "bool": bool}
+_BUILTIN = {
+    "min": min,
+    "max": max,
+    "abs": math.fabs,
+    "int": int,
+    "float": float,
+    "bool": bool,
+}
 _MATH = frozenset("exp expm1 sqrt sin cos tan tanh log erfc erf pow copysign atan2".split())
 #: Operations: sign, what Python makes of numbers that are known, and what they count as.
 _SIGNS: dict[type, tuple[str, Callable[..., Any], str]] = {
@@ -162,7 +172,12 @@ _COMPARE: dict[type, tuple[str, Callable[..., Any]]] = {
 _KNOWN = ("dt", "corner", "task", "place")
 
 #: Module constants in single precision: a tolerance below its rounding would never be met.
-SINGLE = {"TOLERANCE": 1e-4, "SHORTEST": 1e-4, "CLOSE": 1e-4, "_PIVOT": 1e-5}
+SINGLE = {
+    "TOLERANCE": 1e-4,
+    "SHORTEST": 1e-4,
+    "CLOSE": 1e-4,
+    "_PIVOT": 1e-5,
+}
 #: And numbers in the text that are ends of a search, relative.
 _SINGLE_LITERALS = {1e-14: 1e-6, 2e-14: 2e-6, 1e-15: 1e-6, 1e-12: 1e-6}
 
@@ -172,20 +187,21 @@ _SINGLE_LITERALS = {1e-14: 1e-6, 2e-14: 2e-6, 1e-15: 1e-6, 1e-12: 1e-6}
 SHIFT = "dfc_shift"
 
 
-def unified(a: Kind, b: Kind) -> Kind:
+def common_kind(a: Kind, b: Kind) -> Kind:
     """Type that holds values of both."""
     if a == b:
         return a
     if isinstance(a, Known) or isinstance(b, Known):
-        return unified(_plain(a), _plain(b))
+        return common_kind(_runtime_kind(a), _runtime_kind(b))
     if {a, b} <= {F, INT, BOOL}:
         return F if F in (a, b) else INT
-    if isinstance(a, Axis) and isinstance(b, Axis) and a.integers == b.integers:
-        return Axis("plant", a.integers, a.known)
-    if isinstance(a, Record) and isinstance(b, Record) and (a.code, a.names) == (b.code, b.names):
-        return Record(a.code, a.names, tuple(map(unified, a.kinds, b.kinds)))
-    if isinstance(a, Pointer) and isinstance(b, Pointer) and a.element == b.element:
-        return Pointer("p", a.element, a.constant or b.constant)
+    match a, b:
+        case Axis(), Axis() if a.integers == b.integers:
+            return Axis("plant", a.integers, a.known)
+        case Record(), Record() if (a.code, a.names) == (b.code, b.names):
+            return Record(a.code, a.names, tuple(map(common_kind, a.kinds, b.kinds)))
+        case Pointer(), Pointer() if a.element == b.element:
+            return Pointer("p", a.element, a.constant or b.constant)
     raise NotInC(f"a variable is {a} and {b}")
 
 
@@ -202,7 +218,9 @@ class Translator:
         single: bool = False,
         periods: dict[tuple[tuple[int, ...], int], tuple[float, float]] | None = None,
     ) -> None:
-        self.laws, self.single, self.periods = laws, single, periods or {}
+        self.laws = laws
+        self.single = single
+        self.periods = periods or {}
         self.shifts: list[tuple[str, float]] = []  # what `SHIFT` holds: "t" or "x", period
         self.rests = False  # whether a law reads the time at rest
         self.functions: dict[Any, Function] = {}
@@ -233,7 +251,7 @@ class Translator:
             return self._struct(kind)
         return {"f": "real", "i": "int32_t", "b": "bool", "v": "void"}[kind.code]
 
-    def declared(self, kind: Kind, name: str) -> str:
+    def declaration(self, kind: Kind, name: str) -> str:
         """Declaration of a name."""
         base = self.type(kind)
         return f"{base}{name}" if base.endswith("*") else f"{base} {name}"
@@ -242,7 +260,7 @@ class Translator:
         """Name of the structure that holds several values; it is declared once."""
         name = f"dfc_{_codes(kind) if kind.code == 't' else kind.code.lower()}"
         if name not in self.records:
-            rows = "".join(f"    {one};\n" for one in map(self.declared, kind.kinds, kind.names))
+            rows = "".join(f"    {one};\n" for one in map(self.declaration, kind.kinds, kind.names))
             self.records[name] = f"typedef struct {{\n{rows}}} {name};\n"
         return name
 
@@ -250,7 +268,8 @@ class Translator:
         """All structures and functions, each before its use."""
         powers = map(_power, sorted(self.powers))
         # What was decided here leaves functions that nothing calls.
-        called, kept = {"dfc_sample", "dfc_look"}, []
+        called = {"dfc_sample", "dfc_look"}
+        kept = []
         for function in reversed(self.functions.values()):
             if function.name in called and function.text:
                 kept.append(function.text)
@@ -268,7 +287,7 @@ class Translator:
             self.names[name] += 1
             if self.names[name] > 1:
                 name += f"_{self.names[name]}"
-            made = _Body(self, python, kinds, name).made()
+            made = _Body(self, python, kinds, name).translation()
             if not made.pure:
                 self.impure.add(name)
             self.functions[key] = made
@@ -277,7 +296,9 @@ class Translator:
 
 def _power(n: int) -> str:
     """C function of a whole power, in the order in which numba multiplies."""
-    lines, result, name = [], "", "x"
+    lines = []
+    result = ""
+    name = "x"
     m = n
     while m:
         if m & 1:
@@ -293,8 +314,16 @@ def _power(n: int) -> str:
 class _Body:
     """The body of one function while it is written."""
 
-    def __init__(self, out: Translator, python: Any, kinds: tuple[Kind, ...], name: str) -> None:
-        self.out, self.python, self.name = out, python, name
+    def __init__(
+        self,
+        out: Translator,
+        python: Any,
+        kinds: tuple[Kind, ...],
+        name: str,
+    ) -> None:
+        self.out = out
+        self.python = python
+        self.name = name
         self.node = node = self.node_of(python)
         self.parameters = [a.arg for a in node.args.args]
         self.kinds = dict(zip(self.parameters, kinds, strict=True))
@@ -304,7 +333,8 @@ class _Body:
         self.dead: set[str] = set()
         closure = inspect.getclosurevars(python).nonlocals
         self.globals = {**python.__globals__, **closure}
-        stored, counted = Counter(self.parameters), Counter[str]()
+        stored = Counter(self.parameters)
+        counted = Counter[str]()
         for n in ast.walk(node):
             if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store):
                 stored[n.id] += 1
@@ -314,7 +344,7 @@ class _Body:
                 counted[_base(n.target)] += 1
         self.assigned = {n for n, count in stored.items() if count > counted[n]}
         self.once = {n for n, count in stored.items() if count == 1}
-        self.inside = _inside(node)
+        self.inside = _block_variables(node)
 
     @staticmethod
     def node_of(python: Any) -> ast.FunctionDef:
@@ -323,27 +353,44 @@ class _Body:
             tree = ast.parse(textwrap.dedent(inspect.getsource(python)))
         except (OSError, TypeError, SyntaxError) as problem:
             raise NotInC(f"its Python source cannot be read ({problem})") from None
-        node = next((n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)), None)
+        node = next(
+            (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)),
+            None,
+        )
         if node is None:
             raise NotInC("its Python source is no plain function")
         return node
 
-    def made(self) -> Function:
+    def _reset(self) -> None:
+        """Forget a pass over the function, but for types and unread variables."""
+        self.lines: list[str] = []
+        self.reading: set[str] = set()  # by the expression at work
+        self.read = set()  # by the lines
+        self.bound: dict[str, Value] = {}
+        self.declared: set[str] = set()
+        self.late: dict[str, Kind] = {}
+        self.returned: list[Any] = []
+        self.temporaries = 0
+        self.depth = 0
+        self.unrolling = 0
+        self.pure = True
+        for name, kind in self.kinds.items():
+            if is_erased(kind) and name in self.once:
+                self.bound[name] = self.type_value(kind)
+        self.cost: Counter[str] = Counter()
+
+    def _parameter_list(self, used: tuple[bool, ...], shifted: bool) -> str:
+        """Parameters of the C function between its parentheses."""
+        parameters = [f"const real *{SHIFT}"] * shifted
+        for name in itertools.compress(self.parameters, used):
+            parameters.append(self.out.declaration(self.parameter(name), _c_name(name)))
+        return ", ".join(parameters)
+
+    def translation(self) -> Function:
         """Translate until types and unread variables are settled."""
         before: Any = None
         for _ in range(12):
-            self.lines: list[str] = []
-            self.reading: set[str] = set()  # by the expression at work
-            self.read = set()  # by the lines
-            self.bound: dict[str, Value] = {}
-            self.declared: set[str] = set()
-            self.late: dict[str, Kind] = {}
-            self.returned: list[Any] = []
-            self.temporaries, self.depth, self.unrolling, self.pure = 0, 0, 0, True
-            for name, kind in self.kinds.items():
-                if is_erased(kind) and name in self.once:
-                    self.bound[name] = self.erased(kind)
-            self.cost: Counter[str] = Counter()
+            self._reset()
             self.block(self.node.body)
             self.dead = {n for n in self.vars if n not in self.read}
             now = (dict(self.vars), self.returns, frozenset(self.dead))
@@ -351,22 +398,16 @@ class _Body:
                 break
             before = now
         used = tuple(n in self.read and n not in self.bound for n in self.parameters)
-        returns, shifted = self.returns or NOTHING, SHIFT in self.read
-        given = ", ".join(
-            [f"const real *{SHIFT}"] * shifted
-            + [
-                self.out.declared(self.parameter(n), _c(n))
-                for n, u in zip(self.parameters, used, strict=True)
-                if u
-            ]
-        )
+        returns = self.returns or NOTHING
+        shifted = SHIFT in self.read
+        given = self._parameter_list(used, shifted)
         doc = (ast.get_docstring(self.node) or "").split("\n\n")[0]
         comment = f"/* {' '.join(doc.split())} */" if doc else ""
         if is_erased(returns):
             return Function(self.name, "", returns, used, True, self.cost)
-        head = f"static {self.out.declared(returns, self.name)}({given or 'void'})"
+        head = f"static {self.out.declaration(returns, self.name)}({given or 'void'})"
         self.lines[:0] = [
-            f"    {self.out.declared(kind, _c(n))} = {self.zero(kind)};"
+            f"    {self.out.declaration(kind, _c_name(n))} = {self.zero(kind)};"
             for n, kind in self.late.items()
             if n not in self.dead
         ]
@@ -374,10 +415,16 @@ class _Body:
         lines.append(wrapped([head, "{", *self.lines, "}\n"]))
         results = set(self.returned)
         return Function(
-            self.name, "\n".join(lines), returns, used, self.pure, self.cost,
+            self.name,
+            "\n".join(lines),
+            returns,
+            used,
+            self.pure,
+            self.cost,
             results.pop() if len(results) == 1 and self.pure else None,
-            shifted, frozenset(self.read),
-        )  # fmt: skip
+            shifted,
+            frozenset(self.read),
+        )
 
     def parameter(self, name: str) -> Kind:
         """Type of a parameter; an address that is only read through is one of constants."""
@@ -394,13 +441,13 @@ class _Body:
             return "NULL"
         return {"f": self.out.number(0.0), "i": "0", "b": "false"}[kind.code]
 
-    def erased(self, kind: Kind) -> Value:
+    def type_value(self, kind: Kind) -> Value:
         """The value that a type alone is."""
         if isinstance(kind, Known):
             return self.constant(kind.value)
         return Value(getattr(kind, "name", ""), kind)
 
-    def fail(self, node: ast.AST, why: str) -> NotInC:
+    def error(self, node: ast.AST, why: str) -> NotInC:
         """Error that names function and line."""
         line = getattr(node, "lineno", 1)
         return NotInC(f"{self.python.__qualname__}, line {line} of it: {why}")
@@ -418,18 +465,20 @@ class _Body:
         for statement in body:
             method = getattr(self, f"do_{type(statement).__name__.lower()}", None)
             if method is None:
-                raise self.fail(statement, f"{type(statement).__name__} has no C here")
+                raise self.error(statement, f"{type(statement).__name__} has no C here")
             method(statement)
             if self.ended:
                 break
 
     def inner(self, body: list[ast.stmt]) -> Counter[str]:
         """A block in braces; what it costs at most."""
-        outer, self.cost = self.cost, Counter()
+        outer = self.cost
+        self.cost = Counter()
         self.depth += 1
         self.block(body)
         self.depth -= 1
-        cost, self.cost = self.cost, outer
+        cost = self.cost
+        self.cost = outer
         return cost
 
     def do_expr(self, node: ast.Expr) -> None:
@@ -456,10 +505,10 @@ class _Body:
             return
         value = self.value(node.value)
         self.returned.append(value.known)
-        plain = _plain(value.kind)
-        self.returns = plain if self.returns is None else unified(self.returns, plain)
+        plain = _runtime_kind(value.kind)
+        self.returns = plain if self.returns is None else common_kind(self.returns, plain)
         if not is_erased(self.returns):
-            self.emit(f"return {self.converted(value, self.returns)};", value)
+            self.emit(f"return {self.conversion(value, self.returns)};", value)
 
     def do_break(self, node: ast.Break | ast.Continue) -> None:
         self.ended = True
@@ -475,10 +524,13 @@ class _Body:
         *others, last = node.targets  # a = b = value: to b first, then from it to a
         self.assign(last, self.value(node.value))
         for target in others:
-            self.assign(target, self.value(ast.copy_location(_loaded(last), node)))
+            self.assign(
+                target,
+                self.value(ast.copy_location(_load_expression(last), node)),
+            )
 
     def do_augassign(self, node: ast.AugAssign) -> None:
-        whole = ast.BinOp(_loaded(node.target), node.op, node.value)
+        whole = ast.BinOp(_load_expression(node.target), node.op, node.value)
         value = self.value(ast.copy_location(whole, node))
         # That a sum reads itself is no use of it.
         value.reads = (value.reads or frozenset()) - {getattr(node.target, "id", "")}
@@ -490,46 +542,59 @@ class _Body:
             self.unpack(target, value)
             return
         if isinstance(target, ast.Subscript):
-            self.stored(target)
+            self.note_store(target)
             place = self.value(target)
             if place.kind not in (F, INT):
-                raise self.fail(target, "only numbers are stored in arrays")
-            self.emit(f"{place.text} = {self.converted(value, place.kind)};", place, value)
+                raise self.error(target, "only numbers are stored in arrays")
+            self.emit(
+                f"{place.text} = {self.conversion(value, place.kind)};",
+                place,
+                value,
+            )
             return
         if not isinstance(target, ast.Name):
-            raise self.fail(target, "this cannot be assigned to")
-        name = target.id
+            raise self.error(target, "this cannot be assigned to")
+        self._assign_name(target.id, value)
+
+    def _assign_name(self, name: str, value: Value) -> None:
+        """Store a value in a variable."""
         held = value.parts and all(
             is_erased(p.kind) or isinstance(p.kind, Pointer) for p in value.parts
         )
         if name in self.once and (value.known is not None or is_erased(value.kind) or held):
             self.bound[name] = value
             return
-        kind = _plain(value.kind)
+        kind = _runtime_kind(value.kind)
         if isinstance(value.kind, Pointer) and value.kind.length and value.text == "[]":
-            self.vars[name], element = value.kind, Kind(value.kind.element)
+            self.vars[name] = value.kind
+            element = Kind(value.kind.element)
             self.declared.add(name)
-            array = f"{self.out.declared(element, _c(name))}[{value.kind.length}]"
+            array = f"{self.out.declaration(element, _c_name(name))}[{value.kind.length}]"
             self.emit(f"{array} = {{{self.zero(element)}}};")
             return
         if isinstance(kind, Axis) and name not in self.once:
             kind = Axis("plant", kind.integers, kind.known)
-        self.vars[name] = kind = unified(self.vars.get(name, kind), kind)
+        self.vars[name] = kind = common_kind(self.vars.get(name, kind), kind)
         if name in self.dead:
             self.emit_effects(value)
             return
-        text, left = self.converted(value, kind), _c(name)
-        if name not in self.declared and name not in self.parameters:
-            self.declared.add(name)
-            if self.depth == 0 or (name in self.inside and not self.unrolling):
-                fixed = name in self.once and not self.unrolling
-                constant = "const " if fixed and not isinstance(kind, (Pointer, Axis)) else ""
-                left = constant + self.out.declared(kind, left)
-            else:
-                self.late[name] = kind
-        self.emit(f"{left} = {text};", value)
+        text = self.conversion(value, kind)
+        self.emit(f"{self._left_side(name, kind)} = {text};", value)
 
-    def stored(self, target: ast.Subscript) -> None:
+    def _left_side(self, name: str, kind: Kind) -> str:
+        """A variable where it is assigned: with its declaration where it is the first time."""
+        left = _c_name(name)
+        if name in self.declared or name in self.parameters:
+            return left
+        self.declared.add(name)
+        if self.depth == 0 or (name in self.inside and not self.unrolling):
+            fixed = name in self.once and not self.unrolling
+            constant = "const " if fixed and not isinstance(kind, (Pointer, Axis)) else ""
+            return constant + self.out.declaration(kind, left)
+        self.late[name] = kind
+        return left
+
+    def note_store(self, target: ast.Subscript) -> None:
         """Note that numbers are stored through an address."""
         self.pure = False
         if isinstance(target.value, ast.Name):
@@ -539,24 +604,15 @@ class _Body:
         """Store several values; the right side is read before any is stored."""
         names = target.elts
         if value.parts:
-            if len(value.parts) != len(names):
-                raise self.fail(target, "the number of values does not fit")
-            stored = {_base(n) for n in names}
-            parts = list(value.parts)
-            if any(not stored.isdisjoint(part.reads or ()) for part in parts[1:]):
-                for i, part in enumerate(parts):
-                    if part.known is None and not is_erased(part.kind):
-                        parts[i] = self.temporary(part)
-            for name, part in zip(names, parts, strict=True):
-                self.assign(name, part)
+            self._unpack_parts(target, list(value.parts))
             return
         if value.kind.code != "t":
-            raise self.fail(target, "this is no tuple")
+            raise self.error(target, "this is no tuple")
         wanted = []
         for i, part in enumerate(_parts(value)):
             own = getattr(names[i], "id", "")
             if own != "_" and own in self.dead:
-                self.vars[own] = unified(self.vars.get(own, part.kind), part.kind)
+                self.vars[own] = common_kind(self.vars.get(own, part.kind), part.kind)
             elif own != "_":
                 wanted.append(i)
         if not wanted:
@@ -566,23 +622,41 @@ class _Body:
         for i in wanted:
             self.assign(names[i], held[i])
 
+    def _unpack_parts(self, target: ast.Tuple, parts: list[Value]) -> None:
+        """Store the values of a tuple that is written out."""
+        names = target.elts
+        if len(parts) != len(names):
+            raise self.error(target, "the number of values does not fit")
+        stored = {_base(n) for n in names}
+        if any(not stored.isdisjoint(part.reads or ()) for part in parts[1:]):
+            for i, part in enumerate(parts):
+                if part.known is None and not is_erased(part.kind):
+                    parts[i] = self.temporary(part)
+        for name, part in zip(names, parts, strict=True):
+            self.assign(name, part)
+
     def temporary(self, value: Value) -> Value:
         """The value in a constant of its own."""
         self.temporaries += 1
         name = f"r{self.temporaries}"
-        kind = _plain(value.kind)
+        kind = _runtime_kind(value.kind)
         constant = "" if isinstance(kind, (Pointer, Axis)) else "const "
-        text = self.converted(value, kind)
-        self.emit(f"{constant}{self.out.declared(kind, name)} = {text};", value)
+        text = self.conversion(value, kind)
+        self.emit(
+            f"{constant}{self.out.declaration(kind, name)} = {text};",
+            value,
+        )
         return Value(name, kind)
 
     def do_if(self, node: ast.If) -> None:
-        test = self.truth(self.value(node.test))
+        test = self.condition_value(self.value(node.test))
         if test.known is not None:
             self.block(node.body if test.known else node.orelse)
             return
         self.emit(f"if ({test.text}) {{", test)
-        first, ended, mark = self.inner(node.body), self.ended, len(self.lines)
+        first = self.inner(node.body)
+        ended = self.ended
+        mark = len(self.lines)
         self.emit("} else {")
         other = self.inner(node.orelse)
         if len(self.lines) == mark + 1:
@@ -591,25 +665,31 @@ class _Body:
         self.emit("}")
         self.cost += first | other  # the dearer of the two, by kind
 
-    def do_for(self, node: ast.For) -> None:
+    def _range(self, node: ast.For) -> tuple[Value, Value, Value]:
+        """Start, stop and step of a loop over a range."""
         call = node.iter
-        if isinstance(call, ast.Tuple):
-            self._unrolled(node, [self.value(e).known for e in call.elts])
-            return
         if not (isinstance(call, ast.Call) and getattr(call.func, "id", "") == "range"):
-            raise self.fail(node, "for takes range(...) or numbers")
+            raise self.error(node, "for takes range(...) or numbers")
         given = [self.value(a) for a in call.args]
-        zero, one = Value("0", INT, 0), Value("1", INT, 1)
+        zero = Value("0", INT, 0)
+        one = Value("1", INT, 1)
         start, stop, step = (zero, given[0], one) if len(given) == 1 else (*given, one)[:3]
-        known = (start.known, stop.known, step.known)
         if step.known is None:
-            raise self.fail(node, "the step of a range must be known")
+            raise self.error(node, "the step of a range must be known")
+        return start, stop, step
+
+    def do_for(self, node: ast.For) -> None:
+        if isinstance(node.iter, ast.Tuple):
+            self._unroll(node, [self.value(e).known for e in node.iter.elts])
+            return
+        start, stop, step = self._range(node)
+        known = (start.known, stop.known, step.known)
         turns = None if None in known else range(*known)
         if turns is not None and (not turns or {"_law", "LAWS"} & _names(node.body).keys()):
-            self._unrolled(node, list(turns))
+            self._unroll(node, list(turns))
             return
         if not isinstance(node.target, ast.Name):
-            raise self.fail(node, "a loop counts one variable")
+            raise self.error(node, "a loop counts one variable")
         name = node.target.id
         if name == "_" or name in self.dead:
             self.temporaries += 1
@@ -619,10 +699,18 @@ class _Body:
         own = name not in self.assigned
         if not own:
             self.late[name] = INT
-        c, (sign, by), size = _c(name), "<+" if step.known > 0 else ">-", abs(step.known)
+        c, (sign, by), size = (
+            _c_name(name),
+            "<+" if step.known > 0 else ">-",
+            abs(step.known),
+        )
         move = f"{by}{by}{c}" if size == 1 else f"{c} {by}= {size}"
         first = f"{'int32_t ' if own else ''}{c} = {start.text}"
-        self.emit(f"for ({first}; {c} {sign} {stop.within(_ORDER)}; {move}) {{", start, stop)
+        self.emit(
+            f"for ({first}; {c} {sign} {stop.in_parentheses(_ORDER)}; {move}) {{",
+            start,
+            stop,
+        )
         self.read.add(name)
         self._loop(node.body, 8 if turns is None else len(turns))
 
@@ -631,12 +719,12 @@ class _Body:
         self.ended = False
         self.emit("}")
 
-    def _unrolled(self, node: ast.For, turns: list[Any]) -> None:
+    def _unroll(self, node: ast.For, turns: list[Any]) -> None:
         """The body once for every value."""
         if not isinstance(node.target, ast.Name) or None in turns:
-            raise self.fail(node, "what a loop counts must be known")
+            raise self.error(node, "what a loop counts must be known")
         if any(isinstance(n, (ast.Break, ast.Continue)) for n in ast.walk(node)):
-            raise self.fail(node, "break and continue in a loop over laws")
+            raise self.error(node, "break and continue in a loop over laws")
         self.unrolling += 1
         for i in turns:
             self.bound[node.target.id] = Value(str(i), INT, i)
@@ -647,49 +735,57 @@ class _Body:
     def do_while(self, node: ast.While) -> None:
         self.temporaries += 1
         n = f"n{self.temporaries}"
-        test = self.truth(self.value(node.test))
-        self.emit(f"for (int32_t {n} = 0; ({n} < {MOST_PASSES}) && ({test.text}); ++{n}) {{", test)
+        test = self.condition_value(self.value(node.test))
+        self.emit(
+            f"for (int32_t {n} = 0; ({n} < {MOST_PASSES}) && ({test.text}); ++{n}) {{",
+            test,
+        )
         self._loop(node.body)
 
     # Expressions ----------------------------------------------------------------------
 
-    def converted(self, value: Value, kind: Kind) -> str:
+    def conversion(self, value: Value, kind: Kind) -> str:
         """The text of a value as another type."""
         if isinstance(kind, Record) and (value.parts or kind != value.kind):
             parts = value.parts or _parts(self.temporary(value))
-            inner = ", ".join(map(self.converted, parts, kind.kinds))
+            inner = ", ".join(map(self.conversion, parts, kind.kinds))
             return f"({self.out.type(kind)}){{{inner}}}"
         if kind == F and value.kind == INT:
             if value.known is not None:
                 return self.out.number(float(value.known))
-            return f"(real){value.within(_UNARY)}"
+            return f"(real){value.in_parentheses(_UNARY)}"
         if kind == F and value.kind == BOOL:
-            one, zero = self.out.number(1.0), self.out.number(0.0)
-            return f"({value.within(_CHOICE + 1)} ? {one} : {zero})"
+            one = self.out.number(1.0)
+            zero = self.out.number(0.0)
+            return f"({value.in_parentheses(_CHOICE + 1)} ? {one} : {zero})"
         same = kind == value.kind or (kind == INT and value.kind == BOOL)
         if same or isinstance(kind, (Pointer, Axis)):
             return value.text
         raise NotInC(f"{value.text!r} is {value.kind}, wanted {kind}")
 
-    def truth(self, value: Value) -> Value:
+    def condition_value(self, value: Value) -> Value:
         """The value as a condition."""
         if value.known is not None:
             return self.constant(bool(value.known))
         if value.kind == BOOL:
             return value
         zero = self.out.number(0.0) if value.kind == F else "0"
-        text = f"{value.within(_EQUAL)} != {zero}"
+        text = f"{value.in_parentheses(_EQUAL)} != {zero}"
         return Value(text, BOOL, binds=_EQUAL, reads=value.reads)
 
     def value(self, node: ast.expr) -> Value:
         """C of an expression."""
         method = getattr(self, f"of_{type(node).__name__.lower()}", None)
         if method is None:
-            raise self.fail(node, f"{type(node).__name__} has no C here")
-        outer, self.reading = self.reading, set()
+            raise self.error(node, f"{type(node).__name__} has no C here")
+        outer = self.reading
+        self.reading = set()
         result: Value = method(node)
         if result.reads is None:
-            decided = result.known is not None and result.kind in (INT, BOOL)
+            decided = result.known is not None and result.kind in (
+                INT,
+                BOOL,
+            )
             result.reads = frozenset(() if decided or is_erased(result.kind) else self.reading)
         self.reading = outer | result.reads
         return result
@@ -700,7 +796,11 @@ class _Body:
             return Value("true" if value else "false", BOOL, bool(value))
         if isinstance(value, (int, np.integer)):
             note = f" /*{name}*/" if name else ""
-            return Value(f"{value}{note}" if value >= 0 else f"({value})", INT, int(value))
+            return Value(
+                f"{value}{note}" if value >= 0 else f"({value})",
+                INT,
+                int(value),
+            )
         if isinstance(value, (float, np.floating)):
             number = float(value)
             if self.out.single:
@@ -709,8 +809,8 @@ class _Body:
             binds = _ATOM if not text.startswith("-") else _UNARY
             return Value(text, F, number, binds, reads=frozenset())
         if isinstance(value, tuple):
-            return _several([self.constant(v, node) for v in value])
-        raise self.fail(node or self.node, f"{value!r} has no C")
+            return _tuple_value([self.constant(v, node) for v in value])
+        raise self.error(node or self.node, f"{value!r} has no C")
 
     def of_constant(self, node: ast.Constant) -> Value:
         return self.constant(node.value, node)
@@ -721,10 +821,10 @@ class _Body:
         if node.id in self.vars:
             kind = self.vars[node.id]
             reads = {node.id, f"*{node.id}"} if isinstance(kind, Pointer) else {node.id}
-            return Value(_c(node.id), kind, reads=frozenset(reads))
+            return Value(_c_name(node.id), kind, reads=frozenset(reads))
         if node.id in self.globals:
             return self.constant(self.globals[node.id], node, node.id)
-        raise self.fail(node, f"{node.id} is unknown")
+        raise self.error(node, f"{node.id} is unknown")
 
     def python_object(self, node: ast.expr) -> Any:
         """What a name or a module's name stands for in Python, None for a variable."""
@@ -752,39 +852,44 @@ class _Body:
             place = kind.names.index(node.attr)
             inner = kind.kinds[place]
             if is_erased(inner):
-                return self.erased(inner)
+                return self.type_value(inner)
             return Value(f"{owner.text}.{node.attr}", inner)
         if isinstance(kind, Table) and node.attr == "shape":
             return self.constant(kind.shape, node)
-        raise self.fail(node, f"attribute {node.attr}")
+        raise self.error(node, f"attribute {node.attr}")
 
     def of_subscript(self, node: ast.Subscript) -> Value:
         if isinstance(node.slice, ast.Slice):
             owner = self.value(node.value)
             if node.slice.lower is None or node.slice.upper is not None or node.slice.step:
-                raise self.fail(node, "only array[n:]")
-            return _behind(owner, self.value(node.slice.lower), owner.kind)
-        owner, place = self.value(node.value), self.value(node.slice)
+                raise self.error(node, "only array[n:]")
+            return _pointer_offset(owner, self.value(node.slice.lower), owner.kind)
+        owner = self.value(node.value)
+        place = self.value(node.slice)
         kind = owner.kind
         if kind.code == "t":
             parts = _parts(owner)
             if place.known is not None:
                 return parts[place.known]
-            inner = ", ".join(self.converted(p, F) for p in parts)
+            inner = ", ".join(self.conversion(p, F) for p in parts)
             return Value(f"((const real[]){{{inner}}})[{place.text}]", F)
         if isinstance(kind, Table):
-            known = None if place.known is None else kind.values[place.known]
-            if kind.element == "i" and known is not None:
-                return Value(str(int(known)), INT, int(known))
-            if not kind.name:
-                raise self.fail(node, "an integer of the axis at an unknown place")
-            return Value(f"{kind.name}[{place.text}]", Kind(kind.element), known)
+            return self._table_entry(node, kind, place)
         if isinstance(kind, Pointer):
             known = dict(kind.known).get(place.known)
             reads = {n for n in owner.reads or () if n[0] != "*"}.union(place.reads or ())
-            text = f"{owner.within(_ATOM)}[{place.text}]"
+            text = f"{owner.in_parentheses(_ATOM)}[{place.text}]"
             return Value(text, Kind(kind.element), known, reads=frozenset(reads))
-        raise self.fail(node, f"{owner.text} cannot be indexed")
+        raise self.error(node, f"{owner.text} cannot be indexed")
+
+    def _table_entry(self, node: ast.Subscript, table: Table, place: Value) -> Value:
+        """A number of a constant array."""
+        known = None if place.known is None else table.values[place.known]
+        if table.element == "i" and known is not None:
+            return Value(str(int(known)), INT, int(known))
+        if not table.name:
+            raise self.error(node, "an integer of the axis at an unknown place")
+        return Value(f"{table.name}[{place.text}]", Kind(table.element), known)
 
     def of_tuple(self, node: ast.Tuple) -> Value:
         parts: list[Value] = []
@@ -792,58 +897,66 @@ class _Body:
             if isinstance(element, ast.Starred):
                 inner = self.value(element.value)
                 if not inner.parts:
-                    raise self.fail(node, "only constants are starred")
+                    raise self.error(node, "only constants are starred")
                 parts += inner.parts
             else:
                 parts.append(self.value(element))
-        return _several(parts)
+        return _tuple_value(parts)
 
     def of_unaryop(self, node: ast.UnaryOp) -> Value:
         value = self.value(node.operand)
         if isinstance(node.op, ast.Not):
-            test = self.truth(value)
+            test = self.condition_value(value)
             if test.known is not None:
                 return self.constant(not test.known)
-            return Value(f"!{test.within(_UNARY)}", BOOL, binds=_UNARY)
+            return Value(f"!{test.in_parentheses(_UNARY)}", BOOL, binds=_UNARY)
         if not isinstance(node.op, ast.USub):
-            raise self.fail(node, "this sign")
+            raise self.error(node, "this sign")
         known = None if value.known is None else -value.known
         if value.kind == INT and known is not None:
             return self.constant(known, node)
-        return Value(f"-{value.within(_ATOM)}", value.kind, known, _UNARY)
+        return Value(f"-{value.in_parentheses(_ATOM)}", value.kind, known, _UNARY)
 
     def of_binop(self, node: ast.BinOp) -> Value:
         op = type(node.op)
-        a, b = self.value(node.left), self.value(node.right)
+        a = self.value(node.left)
+        b = self.value(node.right)
         if op is ast.Pow:
             return self.power(node, a, b)
         whole = a.kind == INT and b.kind == INT
         if op not in _SIGNS:
-            raise self.fail(node, f"{op.__name__} has no C here")
+            raise self.error(node, f"{op.__name__} has no C here")
         sign, fold, group = _SIGNS[op]
         if whole and a.known is not None and b.known is not None and op is not ast.Div:
             return self.constant(fold(a.known, b.known), node)
         if not group:
             if not whole:
-                raise self.fail(node, f"{op.__name__} of numbers that are not whole")
-            return Value(f"({a.within(_UNARY)} {sign} {b.within(_UNARY)})", INT)
+                raise self.error(node, f"{op.__name__} of numbers that are not whole")
+            return Value(
+                f"({a.in_parentheses(_UNARY)} {sign} {b.in_parentheses(_UNARY)})",
+                INT,
+            )
         level = _SUM if op in (ast.Add, ast.Sub) else _PRODUCT
         if not whole or op is ast.Div:
-            left, right = self.real(a), self.real(b)
-            known = _folded(op, left.known, right.known)
+            left = self.real(a)
+            right = self.real(b)
+            known = _constant_result(op, left.known, right.known)
             if known is None:
                 self.cost[group] += 1
             kind = F
         else:
-            left, right, kind, known = a, b, INT, None
-        text = f"{left.within(level)} {sign} {right.within(level + 1)}"
+            left = a
+            right = b
+            kind = INT
+            known = None
+        text = f"{left.in_parentheses(level)} {sign} {right.in_parentheses(level + 1)}"
         return Value(text, kind, known, level)
 
     def real(self, value: Value) -> Value:
         """The value as a floating-point number."""
         if value.kind == F:
             return value
-        text = self.converted(value, F)
+        text = self.conversion(value, F)
         known = None if value.known is None else float(value.known)
         binds = _UNARY if text.startswith("(real)") else _ATOM
         return Value(text, F, known, binds, reads=value.reads)
@@ -863,7 +976,7 @@ class _Body:
         is_and = isinstance(node.op, ast.And)
         parts: list[Value] = []
         for element in node.values:
-            part = self.truth(self.value(element))
+            part = self.condition_value(self.value(element))
             if part.known != is_and:
                 parts.append(part)
             if part.known == (not is_and):  # it decides
@@ -873,26 +986,30 @@ class _Body:
         if len(parts) == 1:
             return parts[0]
         level = _AND if is_and else _OR
-        text = (" && " if is_and else " || ").join(p.within(_ORDER) for p in parts)
+        text = (" && " if is_and else " || ").join(p.in_parentheses(_ORDER) for p in parts)
         return Value(text, BOOL, binds=level)
 
     def of_compare(self, node: ast.Compare) -> Value:
-        operands = [self.value(node.left), *(self.value(c) for c in node.comparators)]
+        operands = [
+            self.value(node.left),
+            *(self.value(c) for c in node.comparators),
+        ]
         parts: list[Value] = []
         for op, a, b in zip(node.ops, operands, operands[1:], strict=False):
             if type(op) not in _COMPARE:
-                raise self.fail(node, f"{type(op).__name__} has no C here")
+                raise self.error(node, f"{type(op).__name__} has no C here")
             sign, fold = _COMPARE[type(op)]
             if a.known is not None and b.known is not None:
                 if not fold(a.known, b.known):
                     return self.constant(False)
                 continue
             if a.kind != b.kind:
-                a, b = self.real(a), self.real(b)
+                a = self.real(a)
+                b = self.real(b)
             level = _EQUAL if isinstance(op, (ast.Eq, ast.NotEq)) else _ORDER
             if a.kind == F:
                 self.cost["compare"] += 1
-            text = f"{a.within(_SUM)} {sign} {b.within(_SUM)}"
+            text = f"{a.in_parentheses(_SUM)} {sign} {b.in_parentheses(_SUM)}"
             parts.append(Value(text, BOOL, binds=level))
         if not parts:
             return self.constant(True)
@@ -901,27 +1018,33 @@ class _Body:
         return Value(" && ".join(f"({p.text})" for p in parts), BOOL, binds=_AND)
 
     def of_ifexp(self, node: ast.IfExp) -> Value:
-        test = self.truth(self.value(node.test))
+        test = self.condition_value(self.value(node.test))
         if test.known is not None:
             return self.value(node.body if test.known else node.orelse)
-        a, b = self.value(node.body), self.value(node.orelse)
-        kind = unified(_plain(a.kind), _plain(b.kind))
-        left, right = self.converted(a, kind), self.converted(b, kind)
+        a = self.value(node.body)
+        b = self.value(node.orelse)
+        kind = common_kind(_runtime_kind(a.kind), _runtime_kind(b.kind))
+        left = self.conversion(a, kind)
+        right = self.conversion(b, kind)
         left, right = (
             text if value.binds >= _UNARY or text.startswith("(real)") else f"({text})"
             for value, text in ((a, left), (b, right))
         )
-        return Value(f"{test.within(_ATOM)} ? {left} : {right}", kind, binds=_CHOICE)
+        return Value(
+            f"{test.in_parentheses(_ATOM)} ? {left} : {right}",
+            kind,
+            binds=_CHOICE,
+        )
 
     def of_call(self, node: ast.Call) -> Value:
         target = self.python_object(node.func)
         if target is None:
-            raise self.fail(node, f"{ast.unparse(node.func)} cannot be called")
+            raise self.error(node, f"{ast.unparse(node.func)} cannot be called")
         special = _SPECIAL.get(target) if isinstance(target, Hashable) else None
         if special is not None:
             return special(self, node)
         if node.keywords:
-            raise self.fail(node, "arguments by keyword")
+            raise self.error(node, "arguments by keyword")
         if isinstance(target, type) and issubclass(target, tuple):
             return self.record(target, [self.value(a) for a in node.args])
         name = getattr(target, "__name__", "")
@@ -937,18 +1060,22 @@ class _Body:
             values = tuple(map(int, integers.kind.values))
             if isinstance(numbers.kind, Table):
                 known = tuple(enumerate(numbers.kind.values))
-                return self.erased(Axis("plant", values, known, numbers.kind.name))
+                return self.type_value(Axis("plant", values, known, numbers.kind.name))
             known = getattr(numbers.kind, "known", ())
-            return Value(numbers.text, Axis("plant", values, known), binds=numbers.binds)
+            return Value(
+                numbers.text,
+                Axis("plant", values, known),
+                binds=numbers.binds,
+            )
         names = cls._fields  # type: ignore[attr-defined]
         kinds = tuple(
-            Known("k", v.known) if v.known is not None and v.kind == INT else _plain(v.kind)
+            Known("k", v.known) if v.known is not None and v.kind == INT else _runtime_kind(v.kind)
             for v in given
         )
         kind = Record(cls.__name__, names, kinds)
         if is_erased(kind):
             return Value("", kind)
-        kind = Record(cls.__name__, names, tuple(map(_plain, kinds)))
+        kind = Record(cls.__name__, names, tuple(map(_runtime_kind, kinds)))
         inner = ", ".join(v.text for v in given)
         return Value(f"({self.out.type(kind)}){{{inner}}}", kind)
 
@@ -964,36 +1091,38 @@ class _Body:
         if name in ("ceil", "floor"):
             return Value(f"(int32_t){text}", INT, binds=_UNARY)
         if name not in _MATH and name != "fabs":
-            raise self.fail(node, f"math.{name} has no C here")
+            raise self.error(node, f"math.{name} has no C here")
         return Value(text, F)
 
-    def call(self, target: Any, given: list[Value], node: ast.Call, name: str = "") -> Value:
+    def call(
+        self,
+        target: Any,
+        given: list[Value],
+        node: ast.Call,
+        name: str = "",
+    ) -> Value:
         """A call of another kernel."""
         python = getattr(target, "py_func", target)
         if not inspect.isfunction(python):
-            raise self.fail(node, f"{ast.unparse(node.func)} has no C here")
+            raise self.error(node, f"{ast.unparse(node.func)} has no C here")
         parameters = list(inspect.signature(python).parameters.values())
         for parameter in parameters[len(given) :]:
             given.append(self.constant(parameter.default, node))
-        kinds: list[Kind] = []
-        for parameter, value in zip(parameters, given, strict=True):
-            if name.startswith("dfc_law_") and parameter is not parameters[-1]:
-                kinds.append(F)
-            elif parameter.name in _KNOWN and value.known is not None:
-                kinds.append(Known("k", value.known))
-            else:
-                kinds.append(value.kind if is_erased(value.kind) else _plain(value.kind))
+        numbers = len(parameters) - 1 if name.startswith("dfc_law_") else 0
+        kinds: list[Kind] = [F] * numbers
+        for parameter, value in list(zip(parameters, given, strict=True))[numbers:]:
+            kinds.append(_argument_kind(parameter.name, value))
         made = self.out.function(target, tuple(kinds), name)
         self.cost += made.cost
         self.cost["call"] += 1
         if not made.pure:
             self.pure = False
         if is_erased(made.returns):
-            return self.erased(made.returns)
+            return self.type_value(made.returns)
         if made.known is not None:
             return self.constant(made.known, node)
         taken = list(itertools.compress(zip(given, kinds, strict=True), made.used))
-        texts = [self.converted(*one) for one in taken]
+        texts = [self.conversion(*one) for one in taken]
         reads = {made.name}.union(*(value.reads or () for value, _ in taken))
         if made.shifted:
             texts.insert(0, SHIFT)
@@ -1002,7 +1131,14 @@ class _Body:
         return Value(text, made.returns, reads=frozenset(reads))
 
 
-def _folded(op: type, a: float | None, b: float | None) -> float | None:
+def _argument_kind(name: str, value: Value) -> Kind:
+    """Type of an argument; one of some names is part of the type where its value is known."""
+    if name in _KNOWN and value.known is not None:
+        return Known("k", value.known)
+    return value.kind if is_erased(value.kind) else _runtime_kind(value.kind)
+
+
+def _constant_result(op: type, a: float | None, b: float | None) -> float | None:
     """Result of an operation on numbers that are known."""
     if a is None or b is None or (op is ast.Div and b == 0.0):
         return None
@@ -1010,10 +1146,14 @@ def _folded(op: type, a: float | None, b: float | None) -> float | None:
     return float(result) if math.isfinite(result) else None
 
 
-def _several(parts: list[Value]) -> Value:
+def _tuple_value(parts: list[Value]) -> Value:
     """A tuple that is written out."""
     names = tuple(f"f{i}" for i in range(len(parts)))
-    return Value("", Record("t", names, tuple(_plain(p.kind) for p in parts)), parts=parts)
+    return Value(
+        "",
+        Record("t", names, tuple(_runtime_kind(p.kind) for p in parts)),
+        parts=parts,
+    )
 
 
 def _parts(value: Value) -> list[Value]:
@@ -1025,12 +1165,13 @@ def _parts(value: Value) -> list[Value]:
 
 def _codes(kind: Record) -> str:
     """Letters that name a tuple by what it holds."""
-    inner = (f"t{_codes(k)}e" if isinstance(k, Record) and k.code == "t" else k.code
-             for k in kind.kinds)  # fmt: skip
+    inner = (
+        f"t{_codes(k)}e" if isinstance(k, Record) and k.code == "t" else k.code for k in kind.kinds
+    )
     return "".join(inner)
 
 
-def _plain(kind: Kind) -> Kind:
+def _runtime_kind(kind: Kind) -> Kind:
     """The type without what is known of the value alone."""
     if isinstance(kind, Known):
         return INT if isinstance(kind.value, int) else F
@@ -1039,7 +1180,7 @@ def _plain(kind: Kind) -> Kind:
     return kind
 
 
-def _c(name: str) -> str:
+def _c_name(name: str) -> str:
     """A Python name as a C name."""
     return f"{name}_" if name in KEYWORDS else name
 
@@ -1050,7 +1191,7 @@ def _base(node: ast.expr) -> str:
     return node.id if isinstance(node, ast.Name) else ""
 
 
-def _loaded(node: ast.expr) -> ast.expr:
+def _load_expression(node: ast.expr) -> ast.expr:
     """The target of an assignment as something to read."""
     if isinstance(node, ast.Name):
         return ast.Name(node.id, ast.Load())
@@ -1064,14 +1205,19 @@ def _names(nodes: list[ast.stmt]) -> Counter[str]:
     return Counter(n.id for one in nodes for n in ast.walk(one) if isinstance(n, ast.Name))
 
 
-def _inside(node: ast.FunctionDef) -> set[str]:
+def _block_variables(node: ast.FunctionDef) -> set[str]:
     """Variables that only one block knows, which stores them before it reads them."""
-    everywhere, found = _names(node.body), set()
+    everywhere = _names(node.body)
+    found = set()
     for owner in ast.walk(node):
-        for block in (getattr(owner, "body", None), getattr(owner, "orelse", None)):
+        for block in (
+            getattr(owner, "body", None),
+            getattr(owner, "orelse", None),
+        ):
             if not isinstance(block, list):
                 continue
-            here, seen = _names(block), Counter[str]()
+            here = _names(block)
+            seen = Counter[str]()
             for statement in block:
                 own = _names([statement])
                 if isinstance(statement, ast.Assign):
@@ -1098,30 +1244,44 @@ def _to_int(body: _Body, node: ast.Call) -> Value:
         return body.constant(int(value.known), node)
     if value.kind == INT:
         return value
-    return Value(f"(int32_t){value.within(_UNARY)}", INT, binds=_UNARY)
+    return Value(f"(int32_t){value.in_parentheses(_UNARY)}", INT, binds=_UNARY)
 
 
-def _further(body: _Body, node: ast.Call) -> Value:
-    start, count = body.value(node.args[0]), body.value(node.args[1])
+def _offset_pointer(body: _Body, node: ast.Call) -> Value:
+    start = body.value(node.args[0])
+    count = body.value(node.args[1])
     if not isinstance(start.kind, Pointer):
-        raise body.fail(node, "an address of numbers")
+        raise body.error(node, "an address of numbers")
     kind = Pointer("p", start.kind.element, start.kind.constant, start.kind.known)
-    return _behind(start, count, kind)
+    return _pointer_offset(start, count, kind)
 
 
-def _behind(start: Value, count: Value, kind: Kind) -> Value:
+def _pointer_offset(start: Value, count: Value, kind: Kind) -> Value:
     """An address some numbers further on."""
-    return Value(f"{start.within(_SUM)} + {count.within(_SUM + 1)}", kind, binds=_SUM)
+    return Value(
+        f"{start.in_parentheses(_SUM)} + {count.in_parentheses(_SUM + 1)}",
+        kind,
+        binds=_SUM,
+    )
 
 
 def _local(body: _Body, node: ast.Call) -> Value:
     length = body.value(node.args[0]).known if node.args else axis_step.HISTORY
     if length is None:
-        raise body.fail(node, "the length of an array must be known")
-    return Value("[]", Pointer("p", "i" if len(node.args) > 1 else "f", False, (), int(length)))
+        raise body.error(node, "the length of an array must be known")
+    return Value(
+        "[]",
+        Pointer(
+            "p",
+            "i" if len(node.args) > 1 else "f",
+            False,
+            (),
+            int(length),
+        ),
+    )
 
 
-def _true(body: _Body, value: Value, variable: str, period: float = math.inf) -> Value:
+def _unshifted_value(body: _Body, value: Value, variable: str, period: float = math.inf) -> Value:
     """A time or position of the kernels as a law knows it, less whole periods."""
     if not body.out.single:
         return value
@@ -1129,7 +1289,12 @@ def _true(body: _Body, value: Value, variable: str, period: float = math.inf) ->
         body.out.shifts.append((variable, period))
     place = body.out.shifts.index((variable, period))
     reads = frozenset({SHIFT, *(value.reads or ())})
-    return Value(f"{value.within(_SUM)} + {SHIFT}[{place}]", F, binds=_SUM, reads=reads)
+    return Value(
+        f"{value.in_parentheses(_SUM)} + {SHIFT}[{place}]",
+        F,
+        binds=_SUM,
+        reads=reads,
+    )
 
 
 def _base_level(body: _Body, node: ast.Call) -> Value:
@@ -1137,7 +1302,7 @@ def _base_level(body: _Body, node: ast.Call) -> Value:
     assert isinstance(plant.kind, Axis)
     i = plant.kind.integers
     if i[axis_step.N_PLUS] + i[axis_step.N_MINUS] > 2:
-        x = _true(body, x, "x")
+        x = _unshifted_value(body, x, "x")
     return body.call(axis_step.base_level, [plant, x, s], node)
 
 
@@ -1145,16 +1310,18 @@ def _law(body: _Body, node: ast.Call) -> Value:
     plant, i, *rest = [body.value(a) for a in node.args]
     assert isinstance(plant.kind, Axis)
     place = axis_step.LAWS + 2 * i.known
-    address, offset = plant.kind.integers[place], plant.kind.integers[place + 1]
+    address = plant.kind.integers[place]
+    offset = plant.kind.integers[place + 1]
     name, law = body.out.laws[address]
     read = read_by(law)
     time, length = body.out.periods.get((plant.kind.integers, i.known), (math.inf, math.inf))
     if "t" in read:
-        rest[0] = _true(body, rest[0], "t", time)
+        rest[0] = _unshifted_value(body, rest[0], "t", time)
     if "x" in read:
-        rest[1] = _true(body, rest[1], "x", length)
+        rest[1] = _unshifted_value(body, rest[1], "x", length)
     body.out.rests |= "rest" in read
-    text, kind = f"{plant.within(_SUM)} + {offset}", Pointer("p", "f", True)
+    text = f"{plant.in_parentheses(_SUM)} + {offset}"
+    kind = Pointer("p", "f", True)
     numbers = Value(text, kind, binds=_SUM, reads=plant.reads)
     return body.call(law, [*rest, numbers], node, f"dfc_law_{name}")
 
@@ -1166,12 +1333,12 @@ def _task(body: _Body, node: ast.Call) -> Value:
 
 
 _SPECIAL: dict[Any, Callable[[_Body, ast.Call], Value]] = {
-    min: lambda body, node: _extreme(body, node, entries.smaller, "dfc_min"),
-    max: lambda body, node: _extreme(body, node, entries.larger, "dfc_max"),
+    min: lambda body, node: _extreme(body, node, entries.minimum, "dfc_min"),
+    max: lambda body, node: _extreme(body, node, entries.maximum, "dfc_max"),
     int: _to_int,
     float: lambda body, node: body.real(body.value(node.args[0])),
     axis_step.pointer: lambda body, node: body.value(node.args[0]),
-    axis_step.further: _further,
+    axis_step.further: _offset_pointer,
     axis_step.spare_memory: _local,
     np.empty: _local,
     np.zeros: _local,

@@ -86,13 +86,40 @@ class ObserverResponse(Response):
     def plot(self, axes: Any) -> str:
         """Draw the estimates over time, scaled after 0.1 s, estimated rest as a light band."""
         length, force = self.units
-        axes[0].plot(self.t, self.u[1], ".", color=drawing.MEASURED, markersize=2, label="reading")
+        axes[0].plot(
+            self.t,
+            self.u[1],
+            ".",
+            color=drawing.MEASURED,
+            markersize=2,
+            label="reading",
+        )
         axes[1].plot(self.t, self.y[1], "C0--", linewidth=1.0)
         axes[0].plot(self.t, self.y[0], "C0--", linewidth=1.0, label="estimate")
-        axes[2].plot(self.t, self.u[0], color="0.55", linewidth=1.0, label="drive u")
-        axes[2].plot(self.t, self.y[2], "C0--", linewidth=1.0, label="friction, estimate")
-        labels = (f"position [{length}]", f"velocity [{length}/s]", f"force [{force}]")
-        signals = ((self.u[1], self.y[0]), (self.y[1],), (self.u[0], self.y[2]))
+        axes[2].plot(
+            self.t,
+            self.u[0],
+            color="0.55",
+            linewidth=1.0,
+            label="drive u",
+        )
+        axes[2].plot(
+            self.t,
+            self.y[2],
+            "C0--",
+            linewidth=1.0,
+            label="friction, estimate",
+        )
+        labels = (
+            f"position [{length}]",
+            f"velocity [{length}/s]",
+            f"force [{force}]",
+        )
+        signals = (
+            (self.u[1], self.y[0]),
+            (self.y[1],),
+            (self.u[0], self.y[2]),
+        )
         for ax, drawn in zip(axes, signals, strict=True):
             drawing.settled_scale(ax, self.t, *drawn)
             drawing.shade_stuck(ax, self.t, self.y[4])
@@ -126,7 +153,8 @@ class Stepper:
 
         After a ValueError the observer is as before.
         """
-        drive, reading = finite("u", u), finite("y", y)
+        drive = finite("u", u)
+        reading = finite("y", y)
         if self._samples == 0 and self._at_reading:
             self._memory[places.XHAT] = reading
         t = self._samples * self.observer.dt
@@ -222,7 +250,7 @@ class Observer(Saved):
         return ((places.XHAT, 1.0),)
 
     @property
-    def promise(self) -> str:
+    def certificate_text(self) -> str:
         """What is guaranteed, for the documents of exported code."""
         return "It carries no certificate."
 
@@ -281,14 +309,16 @@ class Observer(Saved):
             Inputs u, y; outputs xhat, vhat, Fhat, what, mode.  `run` is far faster.
         """
         arrays, _ = self._options(options)
-        count, step_kernel = self.noutputs, self.sample_kernel.step
+        count = self.noutputs
+        step_kernel = self.sample_kernel.step
 
         def step(t: float, memory: Floats, u: Any) -> Floats:
             out = np.empty(count)
             step_kernel(*arrays, memory, t, u[0], u[1], out)
             return out[: len(OUTPUTS)]
 
-        states, ranges = self.state_names(), self.state_ranges()
+        states = self.state_names()
+        ranges = self.state_ranges()
         return Block.stepped(step, "u y", " ".join(OUTPUTS), states, self.dt, name, ranges)
 
     def stepper(self, **options: Any) -> Stepper:
@@ -331,7 +361,8 @@ def drive_and_reading(observer: Any, u: Any, y: Any) -> tuple[Floats, Floats, Fl
         start, known, u, y = float(u.t[0]), u.known_force, u.u, u.x
     elif y is None:
         raise ValueError("y is missing: give u and y, or a Record in place of both")
-    drive, reading = samples("u", u), samples("y", y)
+    drive = samples("u", u)
+    reading = samples("y", y)
     if drive.size != reading.size:
         raise ValueError(
             f"u has {drive.size} samples and y {reading.size}: give one of each at every sample"

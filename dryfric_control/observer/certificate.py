@@ -131,7 +131,7 @@ class Problem:
         """Each step i to j, its closed F and G, R_i^-T, and Z R_i^-T."""
         for i, j in self.graph.edges:
             model = self.models[self.graph.labels[i]]
-            F, G = model.closed(gains[model.node(i, j)])
+            F, G = model.closed_loop(gains[model.node(i, j)])
             inverse = np.linalg.inv(factors[i]).T
             yield i, j, F, G, inverse, model.Z @ inverse
 
@@ -151,10 +151,12 @@ def _factors(matrices: Floats, graph: ModeGraph, what: str) -> Floats:
 
 def proved_gain(problem: Problem, gains: Floats, lyapunov: Floats) -> float:
     """Smallest gamma that given Lyapunov matrices prove."""
-    graph, worst = problem.graph, 0.0
+    graph = problem.graph
+    worst = 0.0
     factors = _factors(lyapunov, graph, "gain")
     for i, j, F, G, inverse, out in problem.steps(gains, factors):
-        step, enter = factors[j].T @ F @ inverse, factors[j].T @ G
+        step = factors[j].T @ F @ inverse
+        enter = factors[j].T @ G
         kept = np.eye(3) - out.T @ out - step.T @ step
         if np.linalg.eigvalsh(kept)[0] < LEAST_MARGIN:
             raise CertificateError(
@@ -167,12 +169,17 @@ def proved_gain(problem: Problem, gains: Floats, lyapunov: Floats) -> float:
 
 
 def evaluate_blocks(
-    problem: Problem, gains: Floats, gamma: float, lyapunov: Floats, lyapunov_decay: Floats
+    problem: Problem,
+    gains: Floats,
+    gamma: float,
+    lyapunov: Floats,
+    lyapunov_decay: Floats,
 ) -> tuple[Block, ...]:
     """Largest eigenvalue of every inequality, from the gains."""
     # With P = R R' the gain block of a step i to j is, dimensionless,
     # T'T + U'U - I, T = R_j' [F R_i^-T, G / gamma], U = [Z R_i^-T, 0].
-    graph, decay = problem.graph, problem.decay
+    graph = problem.graph
+    decay = problem.decay
     P = _factors(lyapunov, graph, "gain")
     Q = _factors(lyapunov_decay, graph, "decay") if decay < 1.0 else P
     blocks = []
@@ -183,7 +190,13 @@ def evaluate_blocks(
 
     for i, j, F, G, inverse, out in problem.steps(gains, P):
         T = P[j].T @ np.hstack([F @ inverse, G / gamma])
-        add("gain", i, j, T, np.hstack([out, np.zeros((len(out), G.shape[1]))]))
+        add(
+            "gain",
+            i,
+            j,
+            T,
+            np.hstack([out, np.zeros((len(out), G.shape[1]))]),
+        )
         if decay < 1.0:
             T = Q[j].T @ F @ np.linalg.inv(Q[i]).T / decay
             add("decay", i, j, T, np.zeros((1, 3)))
@@ -209,7 +222,7 @@ def check_blocks(blocks: tuple[Block, ...]) -> float:
     return -worst.eigenvalue
 
 
-def certify(
+def certificate_of(
     problem: Problem,
     classes: Mapping[int, int],
     gains: Floats,
@@ -219,7 +232,8 @@ def certify(
     unit: float,
 ) -> Certificate:
     """Certificate of a design, or an error that says what fails."""
-    models, graph = problem.models, problem.graph
+    models = problem.models
+    graph = problem.graph
     if not (np.all(np.isfinite(gains)) and np.isfinite(gamma) and gamma > 0.0):
         raise CertificateError(
             f"gains and gamma must be finite numbers, got gamma = {gamma!r}: design again"
@@ -229,9 +243,15 @@ def certify(
     resting = graph.resting()
     radius = {}
     for mode, key in classes.items():
-        F, _ = models[key].closed(gains[resting[key]])
+        F, _ = models[key].closed_loop(gains[resting[key]])
         radius[mode] = float(np.max(np.abs(np.linalg.eigvals(F))))
     lower, sequence = worst_switching(models, graph, gains, gamma)
     limit, hardest = hardest_switching(models, graph, gamma)
-    gains_found = gamma * unit, lower * unit, sequence, limit * unit, hardest
+    gains_found = (
+        gamma * unit,
+        lower * unit,
+        sequence,
+        limit * unit,
+        hardest,
+    )
     return Certificate(*gains_found, problem.decay, radius, margin, blocks)

@@ -15,7 +15,11 @@ from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, one_of, samples
 from dryfric_control.model import loops
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.blocks import axis_block, encoder, reference_filter
+from dryfric_control.model.blocks import (
+    axis_block,
+    encoder,
+    reference_filter,
+)
 from dryfric_control.model.loops import LoopController, PositionController
 from dryfric_control.model.responses import SimulationResponse
 from dryfric_control.observer import runtime
@@ -34,9 +38,10 @@ _SIGNALS = {
     "friction": ("friction", "force", 2, 2),
     "mode": ("mode", "", 3, 4),
 }
-#: Time the observer has to forget its start before position, and before speed
-#: and friction, are judged [s].
-SETTLED_POSITION, SETTLED = 0.1, 0.2
+#: Time that the observer has to forget its start before the position is judged [s].
+SETTLED_POSITION = 0.1
+#: The same before velocity and friction are judged [s].
+SETTLED = 0.2
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,8 @@ def score_estimate(axis: FrictionAxis, dt: float, plant: Floats, estimate: Float
     """Score rows xhat, vhat, Fhat, what, mode by rows x, v, F, mode; nan for what they lack."""
     x, v, friction, mode = plant[:4]
     axis = axis.effective()
-    near, late = steps_in(SETTLED_POSITION, dt), steps_in(SETTLED, dt)
+    near = steps_in(SETTLED_POSITION, dt)
+    late = steps_in(SETTLED, dt)
     slip = np.flatnonzero(mode != 0)
     slip = slip[slip >= late]
     place = np.clip(x[slip], *axis.travel) if axis.travel else x[slip]
@@ -149,7 +155,8 @@ class ObservedLoop(Result):
     def _shown(self) -> Iterator[str]:
         yield from self.score.summary(self.axis.units[0]).splitlines()
         _, delay = self.delays
-        seen, spread = delay[np.isfinite(delay)] * 1e3, ""
+        seen = delay[np.isfinite(delay)] * 1e3
+        spread = ""
         if seen.size:
             spread = f", delay {np.median(seen):.1f} ms in the middle, {seen.max():.1f} ms at most"
         if delay.size:
@@ -159,7 +166,12 @@ class ObservedLoop(Result):
         """Score and delays as plain numbers."""
         _, delay = self.delays
         missed = int(np.isnan(delay).sum())
-        found = {"score": self.score, "switches": delay.size, "missed": missed, "delay": delay}
+        found = {
+            "score": self.score,
+            "switches": delay.size,
+            "missed": missed,
+            "delay": delay,
+        }
         return {name: plain_data(value) for name, value in found.items()}
 
     def plot(self, ax: Any = None, title: str | None = None, what: str = "all") -> ct.ControlPlot:
@@ -168,7 +180,11 @@ class ObservedLoop(Result):
         `what` is "all", "maps" (friction over the travel; paper, Fig. 7), "position", "speed",
         "friction" or "mode" with its error (Figs 8 to 11); `ax` four axes, one, or two.
         """
-        one_of("what", what, ("all", "position", "speed", "friction", "mode", "maps"))
+        one_of(
+            "what",
+            what,
+            ("all", "position", "speed", "friction", "mode", "maps"),
+        )
         if what == "maps":
             return draw_coulomb_maps(self.axis, self.design.axis, ax, title)
         return draw_run(self, what, ax, title)
@@ -222,16 +238,27 @@ def simulate_observed_loop(
     check_loop(controller, design)
     instance("axis", axis, FrictionAxis)
     design.tables(switching, quantum)
-    design.memory(0.0, None if xhat0 is None else finite("xhat0", xhat0), vhat0, what0)
+    design.memory(
+        0.0,
+        None if xhat0 is None else finite("xhat0", xhat0),
+        vhat0,
+        what0,
+    )
     x0 = finite("x0", x0)
     r = samples("reference", reference)
     if bandwidth is not None:
         r = filter_reference(r, bandwidth, design.dt, x0)
     plant = loops.simulate_loop(axis, controller, r, quantum=quantum, x0=x0, v0=v0)
     estimate = runtime.observe(
-        design, plant.y[4], plant.y[5], xhat0=xhat0, vhat0=vhat0, what0=what0,
-        switching=switching, encoder_quantum=quantum,
-    )  # fmt: skip
+        design,
+        plant.y[4],
+        plant.y[5],
+        xhat0=xhat0,
+        vhat0=vhat0,
+        what0=what0,
+        switching=switching,
+        encoder_quantum=quantum,
+    )
     start = float(plant.y[5, 0] if xhat0 is None else xhat0)
     return ObservedLoop(axis, design, r, plant, estimate, start)
 
@@ -284,7 +311,11 @@ def observed_loop(
         runtime.pi_observer(design, switching=switching, encoder_quantum=quantum),
     ]
     sources = {name: f"plant.{name}" for name in _PLANT[:4]}
-    sources |= {"u": "controller.u", "y": "encoder.y", "xref": "reference_filter.xref"}
+    sources |= {
+        "u": "controller.u",
+        "y": "encoder.y",
+        "xref": "reference_filter.xref",
+    }
     sources |= {name: f"observer.{name}" for name in OUTPUTS[:4]}
     sources["mode_hat"] = "observer.mode"
     # Signals of one name are connected.
@@ -311,12 +342,16 @@ def check_loop(controller: LoopController, design: ObserverDesign) -> None:
 
 
 def draw_coulomb_maps(
-    plant: FrictionAxis, own: FrictionAxis, ax: Any = None, title: str | None = None
+    plant: FrictionAxis,
+    own: FrictionAxis,
+    ax: Any = None,
+    title: str | None = None,
 ) -> ct.ControlPlot:
     """Draw the friction of the plant and of the observer (Fig. 7)."""
     axes = drawing.axes_of(ax, 1, title, figsize=(7.0, 3.6))
     one = axes[0]
-    plant, own = plant.effective(), own.effective()
+    plant = plant.effective()
+    own = own.effective()
     low, high = plant.travel or own.travel or (-1.0, 1.0)
     x = np.linspace(low, high, 201)
     for s in (1, -1):
@@ -331,7 +366,10 @@ def draw_coulomb_maps(
     one.set(xlabel=f"position [{length}]", ylabel=f"friction [{force}]")
     one.margins(x=0.0)
     drawing.legend_above(one)
-    drawing.title_above(one, f"{plant.name}: friction over the travel" if title is None else title)
+    drawing.title_above(
+        one,
+        f"{plant.name}: friction over the travel" if title is None else title,
+    )
     return drawing.control_plot(axes)
 
 
@@ -342,12 +380,24 @@ def draw_run(
     whole = what == "all"
     axes = drawing.axes_of(ax, len(_SIGNALS) if whole else 2, title)
     t, (length, force) = run.plant.t, run.axis.units
-    units = {"length": f" [{length}]", "speed": f" [{length}/s]", "force": f" [{force}]", "": ""}
+    units = {
+        "length": f" [{length}]",
+        "speed": f" [{length}/s]",
+        "force": f" [{force}]",
+        "": "",
+    }
     shown = list(_SIGNALS.values()) if whole else [_SIGNALS[what]]
     for one, (name, kind, row, mine) in zip(axes, shown, strict=False):
-        true, estimate = run.plant.y[row], run.estimate.y[mine]
+        true = run.plant.y[row]
+        estimate = run.estimate.y[mine]
         if name == "position":
-            one.plot(t, run.reference, color="0.55", linewidth=0.8, label="reference")
+            one.plot(
+                t,
+                run.reference,
+                color="0.55",
+                linewidth=0.8,
+                label="reference",
+            )
         style = {} if kind else {"drawstyle": "steps-post"}
         one.plot(t, true, "k", linewidth=1.0, label="system", **style)
         one.plot(t, estimate, "C0--", linewidth=1.0, label="observer", **style)
@@ -378,7 +428,8 @@ def _draw_start(ax: Any, run: ObservedLoop) -> None:
     inset = ax.inset_axes((0.055, 0.40, 0.25, 0.46))
     inset.plot(run.plant.t[first], run.plant.y[0][first], "k", linewidth=1.0)
     # Before its first reading the observer is where it was started.
-    t, estimate = np.r_[0.0, run.plant.t[first]], np.r_[run.start, run.estimate.y[0][first]]
+    t = np.r_[0.0, run.plant.t[first]]
+    estimate = np.r_[run.start, run.estimate.y[0][first]]
     inset.plot(t, estimate, "C0.--", linewidth=1.0, ms=3)
     inset.plot(0.0, run.start, "C0o", ms=4, clip_on=False)
     inset.set_xlim(-0.03 * _FIRST, _FIRST)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import control
 import numpy as np
@@ -21,7 +21,7 @@ from dryfric_control.observer.certificate import (
     Certificate,
     CertificateError,
     Problem,
-    certify,
+    certificate_of,
     signed,
 )
 from dryfric_control.observer.error_model import (
@@ -32,9 +32,22 @@ from dryfric_control.observer.error_model import (
     mode_classes,
     own_axis,
 )
-from dryfric_control.observer.pi_tables import Tables, pi_memory, pi_tables
-from dryfric_control.observer.switching import ModeGraph, allowed_pairs, window_graph
-from dryfric_control.observer.synthesis import SOLVERS, Scales, certified_solution, scales_of
+from dryfric_control.observer.pi_tables import (
+    Tables,
+    pi_memory,
+    pi_tables,
+)
+from dryfric_control.observer.switching import (
+    ModeGraph,
+    allowed_pairs,
+    window_graph,
+)
+from dryfric_control.observer.synthesis import (
+    SOLVERS,
+    Scales,
+    certified_solution,
+    scales_of,
+)
 from dryfric_control.text import Result, documented, stated
 
 METHODS = ("paper", "slack", "path")
@@ -98,13 +111,21 @@ class ObserverDesign(Observer, Result):
     title = "switched PI observer"
     label = "design"
     sample_kernel = Kernel(kernel.step, kernel.run)
-    starts = {"xhat0": kernel.XHAT, "vhat0": kernel.VHAT, "what0": kernel.WHAT}  # noqa: RUF012
+    starts: ClassVar[Mapping[str, int]] = {
+        "xhat0": kernel.XHAT,
+        "vhat0": kernel.VHAT,
+        "what0": kernel.WHAT,
+    }
     starts_at_reading = True
     _kind = "observer design"
     _holds = (ModeGraph,)
     _broken = CertificateError
 
-    def tables(self, switching: str = "reading", encoder_quantum: float | None = None) -> Tables:
+    def tables(
+        self,
+        switching: str = "reading",
+        encoder_quantum: float | None = None,
+    ) -> Tables:
         """Arrays of the compiled observer.
 
         Parameters
@@ -138,7 +159,7 @@ class ObserverDesign(Observer, Result):
         return ((kernel.XHAT, 1.0), (kernel.PLACE, 1.0))
 
     @property
-    def promise(self) -> str:
+    def certificate_text(self) -> str:
         """What is guaranteed, for the documents of exported code."""
         return self.summary()
 
@@ -177,7 +198,8 @@ class ObserverDesign(Observer, Result):
         """Next memory state for each state and next mode."""
         # Shape (nnodes, 3), column mode + 1.  A step that `pairs` excludes leads to the state in
         # which the new mode has lasted; the certificate does not cover it.
-        following, resting = self.graph.next_nodes(), self.resting_nodes()
+        following = self.graph.next_nodes()
+        resting = self.resting_nodes()
         return np.array(
             [
                 [following.get((node, self.classes[m]), resting[m + 1]) for m in (-1, 0, 1)]
@@ -206,7 +228,11 @@ class ObserverDesign(Observer, Result):
         """
         check_mode("mode", mode)
         A, force = error_model.axis_matrices(self.axis, mode, self.dt, self.discretization)
-        return A, force * (mode != 0), force * (mode in self.integral_modes)
+        return (
+            A,
+            force * (mode != 0),
+            force * (mode in self.integral_modes),
+        )
 
     def error_dynamics(self, mode: int) -> control.StateSpace:
         """Error dynamics of one mode that lasts, for Bode and step plots.
@@ -224,27 +250,49 @@ class ObserverDesign(Observer, Result):
             minus true friction is `force` + `e_w`.
         """
         check_mode("mode", mode)
-        unit, ones = dict.fromkeys(MODES, 1.0), (1.0, 1.0, 1.0)
+        unit = dict.fromkeys(MODES, 1.0)
+        ones = (1.0, 1.0, 1.0)
         one = replace(
-            self, uncertainty=unit, noise=1.0, drift=1.0, performance=ones, form="prediction"
+            self,
+            uncertainty=unit,
+            noise=1.0,
+            drift=1.0,
+            performance=ones,
+            form="prediction",
         )
         model = _models(one)[mode_classes(one.uncertainty)[mode]]
-        gain, output, direct = self.gains[mode], np.eye(3), np.zeros((3, 3))
+        gain = self.gains[mode]
+        output = np.eye(3)
+        direct = np.zeros((3, 3))
         if self.form == "current":
             # State: the error before the correction; what counts is the one after it.
-            output, direct[:, 1] = output - np.outer(gain, error_model.C), -gain
+            output = output - np.outer(gain, error_model.C)
+            direct[:, 1] = -gain
             gain = model.A @ gain
-        F, B = model.closed(gain)
-        names = {"inputs": ["force", "noise", "drift"], "outputs": ["e_x", "e_v", "e_w"]}
-        return control.ss(F, B, output, direct, self.dt, name=f"observer_error_{mode:+d}", **names)
+        F, B = model.closed_loop(gain)
+        names = {
+            "inputs": ["force", "noise", "drift"],
+            "outputs": ["e_x", "e_v", "e_w"],
+        }
+        return control.ss(
+            F,
+            B,
+            output,
+            direct,
+            self.dt,
+            name=f"observer_error_{mode:+d}",
+            **names,
+        )
 
     def check(self) -> Certificate:
         """Recompute the certificate from the gains, or refuse it."""
         scales = Scales(np.asarray(self.state_scale, dtype=float), self.output_scale)
         problem = Problem(scales.apply(_models(self)), self.graph, self.decay)
-        gains, gamma = scales.scaled_gains(self.node_gains), self.gamma * self.output_scale
-        proofs, unit = (self.lyapunov, self.lyapunov_decay), 1.0 / self.output_scale
-        return certify(problem, self.classes, gains, gamma, *proofs, unit)
+        gains = scales.scaled_gains(self.node_gains)
+        gamma = self.gamma * self.output_scale
+        proofs = (self.lyapunov, self.lyapunov_decay)
+        unit = 1.0 / self.output_scale
+        return certificate_of(problem, self.classes, gains, gamma, *proofs, unit)
 
     def _kept(self) -> ObserverDesign:
         # Its certificate is computed anew by who reads it.
@@ -252,7 +300,7 @@ class ObserverDesign(Observer, Result):
 
     @classmethod
     def _opened(cls, held: Any) -> ObserverDesign:
-        return checked(super()._opened(held))
+        return verified_design(super()._opened(held))
 
     def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
         u = self.uncertainty
@@ -268,15 +316,33 @@ class ObserverDesign(Observer, Result):
         )
         radius = self.certificate.spectral_radius
         rows: list[tuple[str, ...]] = [
-            ("mode", "L_x", "L_v [1/s]", f"G [{force}/{length}]", "radius")
+            (
+                "mode",
+                "L_x",
+                "L_v [1/s]",
+                f"G [{force}/{length}]",
+                "radius",
+            )
         ]
         for mode, (lx, lv, g) in self.gains.items():
-            rows.append((signed(mode), f"{lx:.6g}", f"{lv:.6g}", f"{g:.6g}", f"{radius[mode]:.5f}"))
+            rows.append(
+                (
+                    signed(mode),
+                    f"{lx:.6g}",
+                    f"{lv:.6g}",
+                    f"{g:.6g}",
+                    f"{radius[mode]:.5f}",
+                )
+            )
         yield rows
         yield from self.certificate._shown()
 
 
-_WORDS = {"method": METHODS, "discretization": DISCRETIZATIONS, "form": FORMS}
+_WORDS = {
+    "method": METHODS,
+    "discretization": DISCRETIZATIONS,
+    "form": FORMS,
+}
 
 
 #: Fields that determine the error dynamics, but for axis and sampling time.
@@ -393,11 +459,21 @@ def design_pi_observer(
     for mode in modes:
         check_mode("mode", mode)
     weights = default_weights(
-        own, dt, uncertainty=uncertainty, noise=noise, drift=drift, decay=decay,
-        performance=performance, encoder_quantum=encoder_quantum,
-    )  # fmt: skip
+        own,
+        dt,
+        uncertainty=uncertainty,
+        noise=noise,
+        drift=drift,
+        decay=decay,
+        performance=performance,
+        encoder_quantum=encoder_quantum,
+    )
     given: dict[str, Any] = {name: getattr(weights, name) for name in _GIVEN[:4]}
-    given |= {"discretization": discretization, "integral_modes": modes, "form": form}
+    given |= {
+        "discretization": discretization,
+        "integral_modes": modes,
+        "form": form,
+    }
     models = error_model.error_models(own, dt, **given)
     classes = mode_classes(weights.uncertainty)
     scales = scales_of(models, weights)
@@ -410,8 +486,9 @@ def design_pi_observer(
     )
     gains = scales.physical_gains(candidate.gains)
     proofs = candidate.lyapunov, candidate.lyapunov_decay
-    own_gains, unit = scales.scaled_gains(gains), 1.0 / scales.output
-    certificate = certify(problem, classes, own_gains, gamma, *proofs, unit)
+    own_gains = scales.scaled_gains(gains)
+    unit = 1.0 / scales.output
+    certificate = certificate_of(problem, classes, own_gains, gamma, *proofs, unit)
     quantum = np.sqrt(12.0) * weights.noise if encoder_quantum is None else encoder_quantum
     return ObserverDesign(
         axis=own,
@@ -432,38 +509,57 @@ def design_pi_observer(
     )
 
 
-def checked(design: ObserverDesign) -> ObserverDesign:
+def verified_design(design: ObserverDesign) -> ObserverDesign:
     """A design of a file, every part in its range, with its certificate computed anew."""
-    graph, edges = design.graph, design.graph.edges
-    nodes = len(graph.labels)
-    if len(graph.names) != nodes or not all(0 <= k < nodes for edge in edges for k in edge):
-        raise ValueError("graph does not fit together")
-    following: dict[int, set[int]] = {}
-    for node, label in enumerate(graph.labels):
-        after = {graph.labels[j] for i, j in edges if i == node}
-        if label not in after or following.setdefault(label, after) != after:
-            raise ValueError(f"graph.edges: changes of mode are missing after node {node}")
-    square = (nodes, 3, 3)
-    shapes = {"node_gains": (nodes, 3), "state_scale": (3,)}
-    shapes |= {"lyapunov": square, "lyapunov_decay": square}
-    for name, shape in shapes.items():
-        array = getattr(design, name)
-        if array.shape != shape or array.dtype.kind != "f" or not np.all(np.isfinite(array)):
-            raise ValueError(f"{name} must hold numbers in shape {shape}")
-    if not np.all(design.state_scale > 0.0):
-        raise ValueError(f"state_scale must be positive, got {design.state_scale.tolist()!r}")
+    _check_graph(design.graph)
+    _check_arrays(design)
     for name in ("encoder_quantum", "gamma", "output_scale"):
         positive(name, getattr(design, name), zero=name == "encoder_quantum")
     for name, known in _WORDS.items():
         one_of(name, getattr(design, name), known)
     for mode in design.integral_modes:
         one_of("integral_modes", mode, MODES)
-    if set(graph.labels) != set(mode_classes(design.uncertainty).values()):
-        raise ValueError(f"graph.labels do not fit the classes of the modes: {graph.labels!r}")
+    labels = design.graph.labels
+    if set(labels) != set(mode_classes(design.uncertainty).values()):
+        raise ValueError(f"graph.labels do not fit the classes of the modes: {labels!r}")
     error_model.check_sampling(design.axis, design.dt, design.discretization)
     default_weights(
-        design.axis, design.dt, uncertainty=design.uncertainty, noise=design.noise,
-        drift=design.drift, decay=design.decay, performance=design.performance,
-    )  # fmt: skip
+        design.axis,
+        design.dt,
+        uncertainty=design.uncertainty,
+        noise=design.noise,
+        drift=design.drift,
+        decay=design.decay,
+        performance=design.performance,
+    )
     whole("window", design.window)
     return replace(design, certificate=design.check())
+
+
+def _check_graph(graph: ModeGraph) -> None:
+    """Refuse a graph in which a change of mode leads nowhere."""
+    nodes = len(graph.labels)
+    if len(graph.names) != nodes or not all(0 <= k < nodes for edge in graph.edges for k in edge):
+        raise ValueError("graph does not fit together")
+    following: dict[int, set[int]] = {}
+    for node, label in enumerate(graph.labels):
+        after = {graph.labels[j] for i, j in graph.edges if i == node}
+        if label not in after or following.setdefault(label, after) != after:
+            raise ValueError(f"graph.edges: changes of mode are missing after node {node}")
+
+
+def _check_arrays(design: ObserverDesign) -> None:
+    """Refuse arrays of another shape, or with what is no number."""
+    nodes = len(design.graph.labels)
+    shapes: dict[str, tuple[int, ...]] = {
+        "node_gains": (nodes, 3),
+        "state_scale": (3,),
+        "lyapunov": (nodes, 3, 3),
+        "lyapunov_decay": (nodes, 3, 3),
+    }
+    for name, shape in shapes.items():
+        array = getattr(design, name)
+        if array.shape != shape or array.dtype.kind != "f" or not np.all(np.isfinite(array)):
+            raise ValueError(f"{name} must hold numbers in shape {shape}")
+    if not np.all(design.state_scale > 0.0):
+        raise ValueError(f"state_scale must be positive, got {design.state_scale.tolist()!r}")

@@ -17,12 +17,23 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import finite, increment, instance, one_of, positive, warn
+from dryfric_control.checks import (
+    finite,
+    increment,
+    instance,
+    one_of,
+    positive,
+    warn,
+)
 from dryfric_control.model.axis import MODES, FrictionAxis, mode_matrices
 from dryfric_control.model.friction import CoulombMap
 
-STICK, SLIDE = 0, 1
+#: Classes of modes: stuck, and sliding in either direction.
+STICK = 0
+SLIDE = 1
+#: How a mode is sampled.
 DISCRETIZATIONS = ("euler", "zoh")
+#: Whether the estimate at a sample uses the reading of that sample.
 FORMS = ("current", "prediction")
 #: What is measured: the position alone.
 C = np.array([1.0, 0.0, 0.0])
@@ -39,9 +50,14 @@ class ErrorModel:
     C: Floats = field(default_factory=lambda: C)  # error into the measurement, shape (3,)
     current: bool = False  # current form: C and D of the reading to come
 
-    def corrected(self) -> ErrorModel:
+    def current_form(self) -> ErrorModel:
         """The same dynamics in the current form."""
-        return replace(self, C=self.C @ self.A, D=self.C @ self.W + self.D, current=True)
+        return replace(
+            self,
+            C=self.C @ self.A,
+            D=self.C @ self.W + self.D,
+            current=True,
+        )
 
     def node(self, before: int, after: int) -> int:
         """Memory state whose gain acts in the step from one to another."""
@@ -52,7 +68,7 @@ class ErrorModel:
         """Amplitude of the reading noise."""
         return float(np.linalg.norm(self.D - self.W[0] if self.current else self.D))
 
-    def scaled(self, state: Floats, output: float) -> ErrorModel:
+    def in_units(self, state: Floats, output: float) -> ErrorModel:
         """The same dynamics in units of `state` and z times `output`."""
         return ErrorModel(
             A=self.A * state[None, :] / state[:, None],
@@ -63,7 +79,7 @@ class ErrorModel:
             current=self.current,
         )
 
-    def closed(self, gain: Floats) -> tuple[Floats, Floats]:
+    def closed_loop(self, gain: Floats) -> tuple[Floats, Floats]:
         """Closed matrices F = A - L C and G = W - L D for a gain (3,)."""
         return self.A - np.outer(gain, self.C), self.W - np.outer(gain, self.D)
 
@@ -81,7 +97,10 @@ def check_sampling(axis: Any, dt: float, discretization: str) -> None:
     """Refuse a sampling time with which a mode is not stable."""
     one_of("discretization", discretization, DISCRETIZATIONS)
     positive("dt", dt, unit="s")
-    rates = {"stick_rate": axis.stick_rate, "viscous / mass": axis.viscous / axis.mass}
+    rates = {
+        "stick_rate": axis.stick_rate,
+        "viscous / mass": axis.viscous / axis.mass,
+    }
     for name, rate in rates.items():
         if discretization == "euler" and dt * rate >= 2.0:
             raise ValueError(
@@ -92,7 +111,11 @@ def check_sampling(axis: Any, dt: float, discretization: str) -> None:
 
 def mode_classes(uncertainty: Mapping[int, float]) -> dict[int, int]:
     """Which modes share a model: +1 and -1 do if equally uncertain."""
-    return {0: STICK, 1: SLIDE, -1: SLIDE if uncertainty[1] == uncertainty[-1] else -1}
+    return {
+        0: STICK,
+        1: SLIDE,
+        -1: SLIDE if uncertainty[1] == uncertainty[-1] else -1,
+    }
 
 
 def error_models(
@@ -114,7 +137,8 @@ def error_models(
     for mode, key in mode_classes(uncertainty).items():
         if key in models:
             continue
-        A, force = np.eye(3), np.zeros(3)
+        A = np.eye(3)
+        force = np.zeros(3)
         A[:2, :2], force[:2] = axis_matrices(axis, mode, dt, discretization)
         A[:2, 2] = force[:2] if mode in integral else 0.0
         # Columns of force, noise and drift, those that there are.
@@ -122,7 +146,7 @@ def error_models(
         W = np.column_stack([uncertainty[mode] * force, np.zeros(3), [0.0, 0.0, drift]])
         D = np.array([0.0, noise, 0.0])
         model = ErrorModel(A, W[:, acting], D[acting], weights)
-        models[key] = model.corrected() if form == "current" else model
+        models[key] = model.current_form() if form == "current" else model
     return models
 
 
@@ -130,12 +154,13 @@ def check_detectable(models: Mapping[int, ErrorModel], state: Floats, decay: flo
     """Refuse a mode whose error no gain can make decay fast enough."""
     # Popov-Belevitch-Hautus: eigenvalues of that size must leave [lambda I - A; C] of full rank.
     for key, model in models.items():
-        A = model.scaled(state, 1.0).A
+        A = model.in_units(state, 1.0).A
         for value in np.linalg.eigvals(A):
             if abs(value) < decay * (1.0 - 1e-9):
                 continue
             singular = np.linalg.svd(
-                np.vstack([value * np.eye(3) - A, C[None, :]]), compute_uv=False
+                np.vstack([value * np.eye(3) - A, C[None, :]]),
+                compute_uv=False,
             )
             # 1e-9 of the largest: gains of that size would be all rounding error
             if singular[-1] < 1e-9 * singular[0]:
@@ -155,10 +180,12 @@ def check_detectable(models: Mapping[int, ErrorModel], state: Floats, decay: flo
 LEFT_OUT = ("contact", "transmission", "reading")
 #: Uncertain force as a fraction of the Coulomb level.
 UNCERTAIN_FRACTION = 0.2
-#: Natural frequency [rad/sample] without knowledge of the sensor, and its range
-#: with it: above, the observer is near-deadbeat and copies the noise into the
-#: velocity; below, it takes thousands of samples to forget its start.
-BANDWIDTH, SLOWEST, FASTEST = 0.15, 0.03, 0.7
+#: Natural frequency without knowledge of the sensor [rad/sample].
+BANDWIDTH = 0.15
+#: Least one with it: below, the observer takes thousands of samples to forget its start.
+SLOWEST = 0.03
+#: Largest one with it: above, the observer is near-deadbeat and copies noise into the velocity.
+FASTEST = 0.7
 #: With a known increment, the natural frequency that force and rounding amount to is
 #: lowered to this share of itself: rounding is no white noise while the axis is slow.
 QUANTIZED = 0.5
@@ -189,7 +216,9 @@ class ObserverWarning(UserWarning):
 
 
 def own_axis(
-    axis: FrictionAxis, coulomb: CoulombMap | float | None = None, stick_speed: float | None = None
+    axis: FrictionAxis,
+    coulomb: CoulombMap | float | None = None,
+    stick_speed: float | None = None,
 ) -> FrictionAxis:
     """Axis that the observer believes in."""
     instance("axis", axis, FrictionAxis)
@@ -258,7 +287,8 @@ def default_weights(
             "uncertainty is zero in every mode: an observer of an exactly known axis need not "
             "look at the measurement; give a small force instead"
         )
-    step, bandwidth = dt * kick * d, BANDWIDTH
+    step = dt * kick * d
+    bandwidth = BANDWIDTH
     if noise is not None:
         noise = positive("noise", noise, unit=axis.unit("m"), zero=True)
         bandwidth = FASTEST if noise == 0.0 else math.sqrt(step / noise)

@@ -28,7 +28,11 @@ from dryfric_control.compiled.observer import (
 )
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.observer.base import Kernel, Observer
-from dryfric_control.observer.error_model import axis_matrices, coulomb_level, own_axis
+from dryfric_control.observer.error_model import (
+    axis_matrices,
+    coulomb_level,
+    own_axis,
+)
 from dryfric_control.order import check_quantum_and_dt
 from dryfric_control.text import documented, stated
 
@@ -103,7 +107,11 @@ def _sample(numbers, plant, memory, t, u, y, out, row):
 def step(numbers, axis_numbers, axis_integers, memory, t, u, y, out):
     """One sample: outputs into `out`, `memory` advanced."""
     plant = axis_step.point(axis_numbers, axis_integers)
-    pointers = axis_step.pointer(numbers), axis_step.pointer(memory), axis_step.pointer(out)
+    pointers = (
+        axis_step.pointer(numbers),
+        axis_step.pointer(memory),
+        axis_step.pointer(out),
+    )
     _sample(pointers[0], plant, pointers[1], t, u, y, pointers[2], 0)
 
 
@@ -117,7 +125,8 @@ def run(numbers, axis_numbers, axis_integers, memory, u, y, known, out):
     rows = axis_step.pointer(out)
     for k in range(u.shape[0]):
         t = k * values[DT]
-        axis_step.set_known_force(plant, t, values[DT], known, k, False)
+        if known.shape[0] > 0:
+            axis_step.set_known_force(plant, t, values[DT], known, k, False)
         _sample(values, plant, state, t, u[k], y[k], rows, out.shape[1] * k)
 
 
@@ -153,7 +162,7 @@ class ExtendedStateObserver(Observer):
     title = "extended state observer"
     suffix = "_extended_observer"
     sample_kernel = Kernel(step, run)
-    promise = (
+    certificate_text = (
         "A linear observer with three equal poles carries no certificate: its error is bounded by "
         "the rate at which the unknown force changes."
     )
@@ -295,6 +304,9 @@ def extended_state_observer(
     if not isinstance(feedforward, (bool, np.bool_)):
         raise ValueError(f"feedforward must be True or False, got {feedforward!r}")
     if rest_speed is None:
-        rest_speed = max(bandwidth_gains(own, dt, bandwidth)[1] * quantum, own.stick_speed)
+        rest_speed = max(
+            bandwidth_gains(own, dt, bandwidth)[1] * quantum,
+            own.stick_speed,
+        )
     rest_speed = positive("rest_speed", float(rest_speed), unit=axis.unit("m/s"))
     return ExtendedStateObserver(own, dt, quantum, bandwidth, bool(feedforward), rest_speed)

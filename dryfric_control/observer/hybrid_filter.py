@@ -15,13 +15,23 @@ from dryfric_control.compiled import axis_step
 from dryfric_control.compiled import hybrid_filter as kernel
 from dryfric_control.compiled.observer import LINE, XHAT
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.observer.base import OUTPUTS, Kernel, Observer, Output, Stepper
-from dryfric_control.observer.error_model import axis_matrices, coulomb_level, own_axis
+from dryfric_control.observer.base import (
+    OUTPUTS,
+    Kernel,
+    Observer,
+    Output,
+    Stepper,
+)
+from dryfric_control.observer.error_model import (
+    axis_matrices,
+    coulomb_level,
+    own_axis,
+)
 from dryfric_control.order import check_quantum_and_dt
 from dryfric_control.text import documented, stated
 
 # What has no argument; tuned with the defaults of `hybrid_filter` on plants that are not in the
-# benchmark (`benchmarks/arena.py`).
+# benchmark (`benchmarks/observer.py arena`).
 #: Sampling time that the following numbers are for [s].
 _SAMPLE = 1e-3
 #: White force as a part of the net force.
@@ -99,9 +109,13 @@ class HybridFilter(Observer):
     sample_kernel = Kernel(kernel.step, kernel.run)
     more_outputs = (
         Output("vhat_sd", "m/s", "standard deviation of vhat"),
-        Output("log_likelihood", "1", "logarithm of the probability of the reading"),
+        Output(
+            "log_likelihood",
+            "1",
+            "logarithm of the probability of the reading",
+        ),
     )
-    promise = (
+    certificate_text = (
         "A filter of three modes carries no certificate: it states its own standard deviation."
     )
     stepper_class = HybridStepper
@@ -138,7 +152,7 @@ class HybridFilter(Observer):
         """Places of the memory that hold a position, and its unit [m]."""
         quantum = float(self._tables.numbers[kernel.QUANTUM])
         first = self._first_place
-        means = first + kernel.BELIEFS + kernel.X
+        means = first + kernel.MODE_STATES + kernel.X
         cells = tuple((means + mode * kernel.GAUSSIAN, quantum) for mode in range(3))
         return ((XHAT, 1.0), (first + kernel.READING, 1.0), *cells)
 
@@ -151,7 +165,13 @@ class HybridFilter(Observer):
 
 
 #: Fields that say what is uncertain, and how much.
-_ASSUMPTIONS = ("excess", "excess_speed", "level_walk", "force_noise", "mass_error")
+_ASSUMPTIONS = (
+    "excess",
+    "excess_speed",
+    "level_walk",
+    "force_noise",
+    "mass_error",
+)
 
 
 def hybrid_filter(
@@ -235,7 +255,8 @@ def hybrid_filter(
 
 def _numbers(made: HybridFilter) -> Floats:
     """Numbers of the compiled filter: increments, increments a sample and Coulomb levels."""
-    dt, quantum = made.dt, made.encoder_quantum
+    dt = made.dt
+    quantum = made.encoder_quantum
     level = coulomb_level(made.axis)
     A, B = axis_matrices(made.axis, 1, dt, "zoh")
     samples = dt / _SAMPLE
@@ -258,9 +279,9 @@ def _numbers(made: HybridFilter) -> Floats:
         kernel.CELL_NOISE: _CELL_NOISE,
         kernel.HAZARD: -math.expm1(-_HAZARD * samples),
         kernel.MASS: made.mass_error**2,
-        kernel.RATE: _RATE,
+        kernel.DECAY_RATE_ERROR: _RATE,
         kernel.START: (_START * samples) ** 2,
-        kernel.AGAIN: min(samples, 1.0),
+        kernel.REPEATED_SHARE: min(samples, 1.0),
         kernel.FIRST_RELEASE: _PEAK_RELEASE if made.axis.stribeck else _FIRST_RELEASE,
     }.items():
         numbers[place] = number

@@ -13,14 +13,24 @@ from numpy.typing import ArrayLike
 
 from dryfric_control._version import __version__
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import finite, instance, positive, samples, whole
+from dryfric_control.checks import (
+    finite,
+    instance,
+    positive,
+    samples,
+    whole,
+)
 from dryfric_control.drawing import DASHES, legend_above, panels
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import Stribeck
 from dryfric_control.model.loops import LoopController, simulate_loop
 from dryfric_control.model.profiles import MotionProfile
 from dryfric_control.observer.certificate import Certificate
-from dryfric_control.observer.closed_loop import EstimateScore, check_loop, score_estimate
+from dryfric_control.observer.closed_loop import (
+    EstimateScore,
+    check_loop,
+    score_estimate,
+)
 from dryfric_control.observer.design import ObserverDesign
 from dryfric_control.observer.runtime import observe
 from dryfric_control.store.batch import fingerprint, run_batch
@@ -42,11 +52,15 @@ class Mismatch:
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Mismatch:
         """Uniform: levels 20 % off, mass 15 %, excess up to 60 %, stick velocities 0.3 to 1."""
-        low, high = (0.8, 0.8, 0.85, 0.0, 0.3), (1.2, 1.2, 1.15, 0.6, 1.0)
+        low = (0.8, 0.8, 0.85, 0.0, 0.3)
+        high = (1.2, 1.2, 1.15, 0.6, 1.0)
         return cls(*rng.uniform(low, high).tolist())
 
     def plant(
-        self, design: ObserverDesign, axis: FrictionAxis, stribeck_speed: float | None
+        self,
+        design: ObserverDesign,
+        axis: FrictionAxis,
+        stribeck_speed: float | None,
     ) -> FrictionAxis:
         """The plant that differs in this way from an axis; without a Stribeck velocity no peak."""
         return axis.replace(
@@ -76,8 +90,16 @@ class SwitchedEstimator:
 
     def estimate(self, u: Floats, y: Floats, xhat0: float = 0.0) -> Floats:
         """Rows xhat, vhat, Fhat, what, mode of a run started at `xhat0`."""
-        rule, quantum = self.switching, self.encoder_quantum
-        run = observe(self.design, u, y, xhat0=xhat0, switching=rule, encoder_quantum=quantum)
+        rule = self.switching
+        quantum = self.encoder_quantum
+        run = observe(
+            self.design,
+            u,
+            y,
+            xhat0=xhat0,
+            switching=rule,
+            encoder_quantum=quantum,
+        )
         return np.asarray(run.y)
 
 
@@ -105,7 +127,12 @@ class MonteCarlo(Result):
         rows: list[tuple[str, ...]] = [("", f"position [{self.unit}]", *heads)]
         for name, table in self.quantiles((0.5, 0.95, 1.0)).items():
             scaled = (table * [1.0, 100.0, 100.0, 100.0, 100.0]).T
-            rows.append((name, *(" / ".join(f"{value:.3g}" for value in one) for one in scaled)))
+            rows.append(
+                (
+                    name,
+                    *(" / ".join(f"{value:.3g}" for value in one) for one in scaled),
+                )
+            )
         yield rows
         diverged = "; ".join(f"{name}: {count}" for name, count in self.diverged.items())
         yield f"diverged  {diverged}"
@@ -129,13 +156,24 @@ class MonteCarlo(Result):
         )
         part = (np.arange(len(self.mismatches)) + 1.0) / len(self.mismatches)
         for one, column, factor, head in zip(
-            axes, (0, 1, 2, 4), (1.0, 100.0, 100.0, 100.0), heads, strict=True
+            axes,
+            (0, 1, 2, 4),
+            (1.0, 100.0, 100.0, 100.0),
+            heads,
+            strict=True,
         ):
             least = np.inf
             for i, (name, table) in enumerate(self.scores.items()):
                 value = np.sort(factor * np.abs(table[:, column]))
                 dash = DASHES[i % len(DASHES)]
-                one.step(value, part, where="post", linewidth=1.3, linestyle=dash, label=name)
+                one.step(
+                    value,
+                    part,
+                    where="post",
+                    linewidth=1.3,
+                    linestyle=dash,
+                    label=name,
+                )
                 least = min(least, float(value[0]))
             if least > 0.0:
                 one.set_xscale("log")
@@ -230,39 +268,81 @@ def monte_carlo(
         stribeck_speed = axis.stribeck.speed
     start = float(r.position[0]) if isinstance(r, MotionProfile) else 0.0
     xhat0 = start if xhat0 is None else finite("xhat0", xhat0)
-    runs, seed = whole("runs", runs), whole("seed", seed, 0)
-    if estimators is not None and not (isinstance(estimators, Mapping) and estimators):
-        raise ValueError(
-            f"estimators must be a mapping of names to at least one estimator, got {estimators!r}"
-        )
-    both = (SwitchedEstimator(design, rule, quantum) for rule in ("reading", "paper"))
-    compared = estimators or {one.switching: one for one in both}
-    for name, one in compared.items():
-        if not callable(getattr(one, "estimate", None)):
-            raise ValueError(f"estimators[{name!r}] must have a method estimate, got {one!r}")
+    runs = whole("runs", runs)
+    seed = whole("seed", seed, 0)
+    compared = _compared_estimators(estimators, design, quantum)
     rng = np.random.default_rng(seed)
     mismatches = tuple(Mismatch.draw(rng) for _ in range(runs))
     settings: dict[str, Any] = {}
     if store is not None:
-        # A certificate follows from the rest of a design, but for its rounding: one that
-        # is loaded recomputes it.
-        told = functools.partial(fingerprint, without=(Certificate,))
-        parts = {"design": design, "controller": controller, "axis": axis, "reference": r}
-        settings = {"task": "monte_carlo", "version": __version__}
-        settings |= {name: told(one) for name, one in parts.items()}
-        settings |= {"quantum": quantum, "stribeck_speed": stribeck_speed, "xhat0": xhat0}
-        settings["estimators"] = {name: told(one) for name, one in compared.items()}
+        parts = {
+            "design": design,
+            "controller": controller,
+            "axis": axis,
+            "reference": r,
+        }
+        numbers = {
+            "quantum": quantum,
+            "stribeck_speed": stribeck_speed,
+            "xhat0": xhat0,
+        }
+        settings = _store_settings(parts, numbers, compared)
 
     def scores(mismatch: Mismatch) -> list[tuple[float, ...]]:
         plant = mismatch.plant(design, axis, stribeck_speed)
         run = simulate_loop(plant, controller, r, quantum=quantum)
-        u, y = np.ascontiguousarray(run.y[4]), np.ascontiguousarray(run.y[5])
+        u = np.ascontiguousarray(run.y[4])
+        y = np.ascontiguousarray(run.y[5])
         rows = [one.estimate(u, y, xhat0=xhat0) for one in compared.values()]
         return [astuple(score_estimate(plant, controller.dt, run.y, one)) for one in rows]
 
     tasks = {astuple(one): one for one in mismatches}
-    found = run_batch(scores, tasks, store=store, settings=settings, jobs=jobs, progress=progress)
+    found = run_batch(
+        scores,
+        tasks,
+        store=store,
+        settings=settings,
+        jobs=jobs,
+        progress=progress,
+    )
     table = np.array([found[one] for one in tasks])
     by_name = {name: table[:, k] for k, name in enumerate(compared)}
     limit = max(abs(xhat0 - start), 100.0 * quantum) or np.inf
     return MonteCarlo(mismatches, by_name, design.axis.units[0], limit)
+
+
+def _compared_estimators(
+    estimators: Mapping[str, Estimator] | None,
+    design: ObserverDesign,
+    quantum: float,
+) -> Mapping[str, Estimator]:
+    """The estimators by name, both rules of the switched observer where there are none."""
+    if estimators is None:
+        both = (SwitchedEstimator(design, rule, quantum) for rule in ("reading", "paper"))
+        return {one.switching: one for one in both}
+    if not (isinstance(estimators, Mapping) and estimators):
+        raise ValueError(
+            f"estimators must be a mapping of names to at least one estimator, got {estimators!r}"
+        )
+    for name, one in estimators.items():
+        if not callable(getattr(one, "estimate", None)):
+            raise ValueError(f"estimators[{name!r}] must have a method estimate, got {one!r}")
+    return estimators
+
+
+def _store_settings(
+    parts: dict[str, Any],
+    numbers: dict[str, Any],
+    compared: Mapping[str, Estimator],
+) -> dict[str, Any]:
+    """What the results in a store depend on."""
+    # A certificate follows from the rest of a design, but for its rounding: one that is loaded
+    # recomputes it.
+    text = functools.partial(fingerprint, without=(Certificate,))
+    settings: dict[str, Any] = {
+        "task": "monte_carlo",
+        "version": __version__,
+    }
+    settings |= {name: text(one) for name, one in parts.items()} | numbers
+    settings["estimators"] = {name: text(one) for name, one in compared.items()}
+    return settings

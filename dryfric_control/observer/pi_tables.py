@@ -15,7 +15,11 @@ if TYPE_CHECKING:
     from dryfric_control.observer.design import ObserverDesign
 
 #: Rules that determine the mode.
-SWITCHING = {"reading": kernel.READING, "paper": kernel.PAPER, "filippov": kernel.FILIPPOV}
+SWITCHING = {
+    "reading": kernel.READING,
+    "paper": kernel.PAPER,
+    "filippov": kernel.FILIPPOV,
+}
 #: Distance of the reading from the place of rest that counts as motion [increments]: more than
 #: one, since an axis at rest on an edge toggles by one.
 MOTION_INCREMENTS = 1.5
@@ -58,7 +62,12 @@ def pi_tables(design: ObserverDesign, switching: str, encoder_quantum: float | N
     transitions = np.vstack([design.transition_table(), design.resting_nodes()])
     arrays = axis.arrays(design.dt)
     return Tables(
-        numbers, matrices, gains, transitions.astype(np.int64), arrays.numbers, arrays.integers
+        numbers,
+        matrices,
+        gains,
+        transitions.astype(np.int64),
+        arrays.numbers,
+        arrays.integers,
     )
 
 

@@ -143,7 +143,12 @@ class ObserverStepper(Stepper):
         switching: str = "reading",
         encoder_quantum: float | None = None,
     ) -> None:
-        instance("design", design, ObserverDesign, "made by dfc.design_pi_observer")
+        instance(
+            "design",
+            design,
+            ObserverDesign,
+            "made by dfc.design_pi_observer",
+        )
         super().__init__(
             design,
             xhat0=xhat0,

@@ -78,8 +78,10 @@ def window_graph(pairs: set[tuple[int, int]], length: int) -> ModeGraph:
 WIDTH = 2e-5
 #: Longest sequence tried, in samples; stopping early only lowers the bound.
 LONGEST = 20_000
-#: The same while a search only ranks sequences.
-COARSE, SHORT = 1e-3, 2_000
+#: Relative width while a search only ranks sequences.
+COARSE = 1e-3
+#: Longest sequence tried then [samples].
+SHORT = 2_000
 #: Rounds of changes to the best sequence.
 ROUNDS = 3
 
@@ -181,27 +183,38 @@ def _gain_along(game, word, low, high, width, longest):  # type: ignore[no-untyp
     return low
 
 
-def _game(
-    at: list[ErrorModel], moved: list[tuple[Floats, Floats]], noise: list[float], best: int
+def _recursion(
+    at: list[ErrorModel],
+    moved: list[tuple[Floats, Floats]],
+    noise: list[float],
+    best: int,
 ) -> _Game:
     """Recursion with an error model, and how it moves error and disturbances, for each place."""
-    F, N = np.array([f for f, _ in moved]), np.array([g @ g.T for _, g in moved])
+    F = np.array([f for f, _ in moved])
+    N = np.array([g @ g.T for _, g in moved])
     return _Game(F, N, np.array([model.Z for model in at]), np.array(noise), best)
 
 
-def _best_game(models: Mapping[int, ErrorModel]) -> tuple[list[int], _Game]:
+def _best_recursion(
+    models: Mapping[int, ErrorModel],
+) -> tuple[list[int], _Game]:
     """Names of the places, and the recursion with the best gain."""
     keys = sorted(models)
     at = [models[key] for key in keys]
     moved = [(model.A, model.W) for model in at]
-    return keys, _game(at, moved, [model.noise for model in at], 2 if at[0].current else 1)
+    return keys, _recursion(
+        at,
+        moved,
+        [model.noise for model in at],
+        2 if at[0].current else 1,
+    )
 
 
 def best_gain(models: Mapping[int, ErrorModel], word: tuple[int, ...]) -> float:
     """Gain no observer can be below when the modes repeat `word`."""
     # Riccati recursion of the optimal H-infinity filter from a zero initial error (Hassibi, Sayed
     # and Kailath, SIAM 1999); a breakdown within finitely many samples makes the bound strict.
-    keys, game = _best_game(models)
+    keys, game = _best_recursion(models)
     place = np.array([keys.index(key) for key in word])
     high = 1.0
     while _exceeds(game, place, high, LONGEST):
@@ -214,7 +227,7 @@ def best_gain(models: Mapping[int, ErrorModel], word: tuple[int, ...]) -> float:
     return float(_gain_along(game, place, low, high, WIDTH, LONGEST))
 
 
-def _words(graph: ModeGraph) -> Iterator[tuple[int, ...]]:
+def _mode_sequences(graph: ModeGraph) -> Iterator[tuple[int, ...]]:
     """Constant modes, then runs of one mode between short runs of another."""
     keys = sorted(set(graph.labels))
     pairs = {(graph.labels[i], graph.labels[j]) for i, j in graph.edges}
@@ -240,7 +253,11 @@ def _neighbours(word: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
     for k, (key, length) in enumerate(runs):
         for change in (-4, -2, -1, 1, 2, 4):
             if length + change > 0:
-                changed = [*runs[:k], (key, length + change), *runs[k + 1 :]]
+                changed = [
+                    *runs[:k],
+                    (key, length + change),
+                    *runs[k + 1 :],
+                ]
                 yield tuple(mode for mode, count in changed for _ in range(count))
 
 
@@ -274,7 +291,7 @@ def _search(
     """Word with the largest gain in [best, high]: the words given, then changes to the winner."""
     tried: set[tuple[int, ...]] = set()
 
-    def attempt(word: tuple[int, ...]) -> bool:
+    def is_worse(word: tuple[int, ...]) -> bool:
         nonlocal best, worst
         if word in tried:
             return False
@@ -286,28 +303,33 @@ def _search(
         place = np.array(path)
         if not _exceeds(game, place, low, SHORT):
             return False
-        best, worst = float(_gain_along(game, place, low, high, COARSE, SHORT)), word
+        best = float(_gain_along(game, place, low, high, COARSE, SHORT))
+        worst = word
         return True
 
     for word in words:
-        attempt(word)
+        is_worse(word)
     for _ in range(ROUNDS):
-        if not any([attempt(word) for word in _neighbours(worst)]):
+        if not any([is_worse(word) for word in _neighbours(worst)]):
             break
     place = np.array(places(worst), dtype=np.int64)
     return float(_gain_along(game, place, best, high, WIDTH, LONGEST)), worst
 
 
 def worst_switching(
-    models: Mapping[int, ErrorModel], graph: ModeGraph, gains: Floats, high: float
+    models: Mapping[int, ErrorModel],
+    graph: ModeGraph,
+    gains: Floats,
+    high: float,
 ) -> tuple[float, tuple[int, ...]]:
     """Gain of given gains on the worst sequence found, a lower bound, and the sequence."""
     steps = {edge: place for place, edge in enumerate(graph.edges)}
     at = [models[graph.labels[i]] for i, _ in graph.edges]
     closed = [
-        model.closed(gains[model.node(i, j)]) for model, (i, j) in zip(at, graph.edges, strict=True)
+        model.closed_loop(gains[model.node(i, j)])
+        for model, (i, j) in zip(at, graph.edges, strict=True)
     ]
-    game = _game(at, closed, [0.0] * len(closed), 0)
+    game = _recursion(at, closed, [0.0] * len(closed), 0)
 
     def places(word: tuple[int, ...]) -> list[int] | None:
         path = path_of(graph, word)
@@ -316,14 +338,14 @@ def worst_switching(
         return [steps[step] for step in zip(path, path[1:] + path[:1], strict=True)]
 
     start = (graph.labels[0],)
-    return _search(game, _words(graph), places, 1e-9 * high, start, high)
+    return _search(game, _mode_sequences(graph), places, 1e-9 * high, start, high)
 
 
 def hardest_switching(
     models: Mapping[int, ErrorModel], graph: ModeGraph, high: float
 ) -> tuple[float, tuple[int, ...]]:
     """Gain that no causal observer is below on the hardest sequence found, and the sequence."""
-    keys, game = _best_game(models)
+    keys, game = _best_recursion(models)
     alone = {key: best_gain(models, (key,)) for key in models}
     start = list(alone)[ranked([-gain for gain in alone.values()])[0]]
 
@@ -333,5 +355,5 @@ def hardest_switching(
 
     if alone[start] == 0.0:
         return 0.0, (start,)
-    found, word = _search(game, _words(graph), places, alone[start], (start,), high)
+    found, word = _search(game, _mode_sequences(graph), places, alone[start], (start,), high)
     return max(found, alone[start]), word

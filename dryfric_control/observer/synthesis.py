@@ -51,7 +51,7 @@ class Scales:
 
     def apply(self, models: Mapping[int, ErrorModel]) -> dict[int, ErrorModel]:
         """Scaled error dynamics of each class."""
-        return {key: model.scaled(self.state, self.output) for key, model in models.items()}
+        return {key: model.in_units(self.state, self.output) for key, model in models.items()}
 
     def physical_gains(self, gains: Floats) -> Floats:
         """Gains in physical units from scaled ones, shape (n, 3)."""
@@ -72,7 +72,7 @@ def scales_of(models: Mapping[int, ErrorModel], weights: Weights) -> Scales:
     state[0] = max(state[0], weights.noise)
     size = max(float(np.linalg.norm(model.Z * state)) for model in models.values())
     # in these units the bisection takes the same steps whatever the user counts in
-    sized = {key: model.scaled(state, 1.0 / size) for key, model in models.items()}
+    sized = {key: model.in_units(state, 1.0 / size) for key, model in models.items()}
     limit = max(best_gain(sized, (key,)) for key in sized)
     # with nothing but a friction error in z, and no drift, the limit is zero
     return Scales(state, 1.0 / (limit * size) if limit > 1e-6 else 1.0 / size)
@@ -90,7 +90,11 @@ class Candidate:
 
 
 def _block(
-    model: ErrorModel, slack: Floats, symmetric: bool, factor: float, performance: bool
+    model: ErrorModel,
+    slack: Floats,
+    symmetric: bool,
+    factor: float,
+    performance: bool,
 ) -> tuple[Floats, Floats]:
     """Coefficients of one inequality for P_i, the slack, V, P_j (and gamma^2)."""
     # With slack matrix S' = K Y, K = `slack` fixed and Y unknown, and V' = K v: both inequalities
@@ -103,7 +107,8 @@ def _block(
     ns = len(basis)
     out = np.zeros((6 + ns + 3 + 6 + performance, n, n))
     out[:6, :3, :3] = -factor * _SYMMETRIC
-    s, v = slice(6, 6 + ns), slice(6 + ns, 9 + ns)
+    s = slice(6, 6 + ns)
+    v = slice(6 + ns, 9 + ns)
     out[s, :3, last] = (basis @ model.A).transpose(0, 2, 1)
     out[v, :3, last] = -model.C[None, :, None] * column[:, None, :]
     if performance:
@@ -132,7 +137,11 @@ class _Inequality(NamedTuple):
 
 
 def _minimise(
-    size: int, last: int, blocks: Sequence[_Inequality], margin: float, solver: str
+    size: int,
+    last: int,
+    blocks: Sequence[_Inequality],
+    margin: float,
+    solver: str,
 ) -> tuple[Floats, str]:
     """Unknowns x, shape (size,), with the smallest x[last] subject to ``block + margin I <= 0``."""
     import cvxpy as cp
@@ -148,7 +157,12 @@ def _minimise(
     # SCS is a first-order method: at its own tolerances its answer fails the certificate.
     options: dict[str, Any] = {"solver": cp.CLARABEL}
     if solver == "scs":
-        options = {"solver": cp.SCS, "eps_abs": 1e-7, "eps_rel": 1e-7, "max_iters": 200_000}
+        options = {
+            "solver": cp.SCS,
+            "eps_abs": 1e-7,
+            "eps_rel": 1e-7,
+            "max_iters": 200_000,
+        }
     with warnings.catch_warnings():
         # "The solution may be inaccurate": the certificate decides that here.
         warnings.simplefilter("ignore", UserWarning)
@@ -169,7 +183,9 @@ def solve_lmi(
     margin: float = 1e-8,
 ) -> Candidate:
     """Solve the design inequalities once."""
-    models, graph, decay = problem.models, problem.graph, problem.decay
+    models = problem.models
+    graph = problem.graph
+    decay = problem.decay
     nodes = len(graph.labels)
     with_decay = decay < 1.0
     separate = with_decay and not paper
@@ -198,7 +214,8 @@ def solve_lmi(
         return cache[key]
 
     def index(i: int, j: int, name: str) -> NDArray[np.intp]:
-        here, there = i * size, j * size
+        here = i * size
+        there = j * size
         acting = models[graph.labels[i]].node(i, j) * size
         own = offsets[name] + np.arange(6)
         return np.concatenate([here + own, acting + acts, there + own])
@@ -221,7 +238,8 @@ def solve_lmi(
     def symmetric(start: int) -> Floats:
         return np.einsum("nk,kij->nij", table[:, start : start + 6], _SYMMETRIC)
 
-    P, Q = symmetric(offsets["P"]), symmetric(offsets["Q"])
+    P = symmetric(offsets["P"])
+    Q = symmetric(offsets["Q"])
     Y = P if paper else table[:, slack_at : slack_at + 9].reshape(nodes, 3, 3)
     right = table[:, gain_at : gain_at + 3, None]
     gains = np.asarray(np.linalg.solve(Y, right)[:, :, 0], dtype=np.float64)
@@ -229,17 +247,21 @@ def solve_lmi(
 
 
 def certified_solution(
-    problem: Problem, *, paper: bool = False, refine: int = 0, solver: str = "clarabel"
+    problem: Problem,
+    *,
+    paper: bool = False,
+    refine: int = 0,
+    solver: str = "clarabel",
 ) -> tuple[Candidate, float]:
     """Solve until the gains that come out prove what they promise."""
     best: tuple[Candidate, float] | None = None
     for _ in range(refine + 1):
         around = best[0] if best else None
         try:
-            found = _proved(problem, paper, around, solver)
+            found = _proven_candidate(problem, paper, around, solver)
         except (CertificateError, InfeasibleError) as failure:
             if best is None:
-                raise ValueError(_advice(problem, paper, solver)) from failure
+                raise ValueError(_remedy(problem, paper, solver)) from failure
             break
         if best is not None and found[1] >= best[1]:
             break
@@ -248,14 +270,21 @@ def certified_solution(
     return best
 
 
-def _proved(
+def _proven_candidate(
     problem: Problem, paper: bool, around: Candidate | None, solver: str
 ) -> tuple[Candidate, float]:
     """A solution and the gain it proves, at the smallest strictness with which it does."""
     failure: CertificateError
     for margin in MARGINS if solver == "clarabel" else MARGINS[2:]:
-        found = solve_lmi(problem, paper=paper, around=around, solver=solver, margin=margin)
-        gains, proofs = found.gains, (found.lyapunov, found.lyapunov_decay)
+        found = solve_lmi(
+            problem,
+            paper=paper,
+            around=around,
+            solver=solver,
+            margin=margin,
+        )
+        gains = found.gains
+        proofs = (found.lyapunov, found.lyapunov_decay)
         try:
             gamma = certificate.proved_gain(problem, gains, found.lyapunov)
             blocks = certificate.evaluate_blocks(problem, gains, gamma, *proofs)
@@ -267,7 +296,7 @@ def _proved(
     raise failure
 
 
-def _advice(problem: Problem, paper: bool, solver: str) -> str:
+def _remedy(problem: Problem, paper: bool, solver: str) -> str:
     """Which specification stands in the way."""
     decay = problem.decay
     mend = "or use more memory (method='path', a longer window)" + see("observer")

@@ -56,7 +56,8 @@ def read_axis(path: str | os.PathLike[str]) -> FrictionAxis:
     (CoulombMap(plus=(8.0,), minus=(7.5,)), (Spring(stiffness=40.0, rest=0.0),))
     """
     return read_toml(
-        path, lambda data: axis_from_dict({k: v for k, v in data.items() if k not in _OTHERS})
+        path,
+        lambda data: axis_from_dict({k: v for k, v in data.items() if k not in _OTHERS}),
     )
 
 
@@ -121,9 +122,17 @@ def axis_text(axis: FrictionAxis, record: Mapping[str, Any] | None = None) -> st
     effects = data.pop("effects")
     lines = [f"{key} = {_toml(value)}" for key, value in data.items()]
     for effect in effects:
-        lines += ["", "[[effects]]", *(f"{key} = {_toml(value)}" for key, value in effect.items())]
+        lines += [
+            "",
+            "[[effects]]",
+            *(f"{key} = {_toml(value)}" for key, value in effect.items()),
+        ]
     if record:
-        lines += ["", "[record]", *(f"{key} = {_toml(value)}" for key, value in record.items())]
+        lines += [
+            "",
+            "[record]",
+            *(f"{key} = {_toml(value)}" for key, value in record.items()),
+        ]
     return "\n".join(lines) + "\n"
 
 

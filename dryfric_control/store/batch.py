@@ -84,33 +84,25 @@ def run_batch(
     ...     dfc.run_batch(math.sqrt, {"b": 9.0, "c": 16.0}, store=store, progress=False)  # c alone
     {'b': 3.0, 'c': 4.0}
     """
-    if not callable(function):
-        raise ValueError(f"function must be callable with one case, got {function!r}")
-    if not isinstance(cases, Mapping):
-        raise ValueError(
-            f"cases must be a mapping of keys to values, got {type(cases).__name__}: "
-            "dict(enumerate(values)) numbers them"
-        )
-    if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs == 0):
-        raise ValueError(f"jobs must be a whole number other than 0, or None, got {jobs!r}")
-    if failures not in ("raise", "return"):
-        raise ValueError(f'failures must be "raise" or "return", got {failures!r}')
+    _check_batch(function, cases, settings, jobs, failures)
     keys = {_text("cases", key): key for key in cases}
-    if settings is not None and not isinstance(settings, Mapping):
-        raise ValueError(f"settings must be a mapping of names to values, got {settings!r}")
     held = json.loads(_text("settings", dict(settings or {})))
     heading = {"store": _FORMAT, "settings": held}
-    done = {} if store is None else _stored(store, heading)
+    done = {} if store is None else _stored_results(store, heading)
     left = [text for text in keys if text not in done]
     if left:
         work = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(
             joblib.delayed(_run)(function, text, cases[keys[text]]) for text in left
         )
         bar = tqdm(
-            work, desc="batch", unit="case", total=len(keys), initial=len(keys) - len(left),
+            work,
+            desc="batch",
+            unit="case",
+            total=len(keys),
+            initial=len(keys) - len(left),
             disable=not progress,
-        )  # fmt: skip
-        with _opened(store, heading) as file:
+        )
+        with _store_file(store, heading) as file:
             for text, result in bar:
                 if isinstance(result, Exception):
                     done[text] = result
@@ -122,6 +114,23 @@ def run_batch(
     return found
 
 
+def _check_batch(function: Any, cases: Any, settings: Any, jobs: Any, failures: str) -> None:
+    """Refuse what `run_batch` cannot run."""
+    if not callable(function):
+        raise ValueError(f"function must be callable with one case, got {function!r}")
+    if not isinstance(cases, Mapping):
+        raise ValueError(
+            f"cases must be a mapping of keys to values, got {type(cases).__name__}: "
+            "dict(enumerate(values)) numbers them"
+        )
+    if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs == 0):
+        raise ValueError(f"jobs must be a whole number other than 0, or None, got {jobs!r}")
+    if failures not in ("raise", "return"):
+        raise ValueError(f'failures must be "raise" or "return", got {failures!r}')
+    if settings is not None and not isinstance(settings, Mapping):
+        raise ValueError(f"settings must be a mapping of names to values, got {settings!r}")
+
+
 def raise_failures(results: Mapping[Any, Any], all_only: bool) -> None:
     """Raise the first exception among results; with `all_only` where there is nothing else."""
     failed = [one for one in results.values() if isinstance(one, Exception)]
@@ -131,21 +140,21 @@ def raise_failures(results: Mapping[Any, Any], all_only: bool) -> None:
 
 def fingerprint(*values: Any, without: tuple[type, ...] = ()) -> str:
     """Short text of what values hold, or of their pickles; classes `without` are passed over."""
-    return str(joblib.hash(_held(values, without)))[:16]
+    return str(joblib.hash(_content(values, without)))[:16]
 
 
-def _held(value: Any, without: tuple[type, ...]) -> Any:
+def _content(value: Any, without: tuple[type, ...]) -> Any:
     """What a value holds, alike for two that hold the same."""
     if isinstance(value, without):
         return None
     if is_dataclass(value) and not isinstance(value, type):
         # By its fields: an object may also hold what it has worked out from them.
-        held = [_held(getattr(value, item.name), without) for item in fields(value)]
+        held = [_content(getattr(value, item.name), without) for item in fields(value)]
         return type(value).__qualname__, held
     if isinstance(value, Mapping):
-        return {key: _held(one, without) for key, one in value.items()}
+        return {key: _content(one, without) for key, one in value.items()}
     if isinstance(value, (tuple, list)):
-        return [_held(one, without) for one in value]
+        return [_content(one, without) for one in value]
     if isinstance(value, np.ndarray) and not value.dtype.hasobject:
         return np.array(value, order="C")
     if isinstance(value, (np.generic, str, int, float, type(None))):
@@ -208,7 +217,7 @@ def _whole_lines(path: Path) -> bytes:
     return raw[: raw.rfind(b"\n") + 1]
 
 
-def _stored(store: str | os.PathLike[str], heading: dict[str, Any]) -> dict[str, Any]:
+def _stored_results(store: str | os.PathLike[str], heading: dict[str, Any]) -> dict[str, Any]:
     """Results that a store holds, by the text of their case."""
     path = file_path("store", store)
     if path.is_dir():
@@ -218,10 +227,11 @@ def _stored(store: str | os.PathLike[str], heading: dict[str, Any]) -> dict[str,
     if not path.exists():
         return {}
     first, *lines = _whole_lines(path).split(b"\n")
-    made = _loaded(first)
+    made = _json_line(first)
     if not isinstance(made, dict) or made.get("store") != _FORMAT:
         raise ValueError(f"store {path} is no store of a batch: {_MEND}")
-    there, here = made.get("settings"), heading["settings"]
+    there = made.get("settings")
+    here = heading["settings"]
     if there != here:
         there = there if isinstance(there, dict) else {}
         names = sorted(n for n in there.keys() | here.keys() if there.get(n) != here.get(n))
@@ -229,21 +239,24 @@ def _stored(store: str | os.PathLike[str], heading: dict[str, Any]) -> dict[str,
         raise ValueError(f"store {path} was made by other settings: {other}; {_MEND}")
     done = {}
     for number, line in enumerate(lines[:-1], start=2):
-        entry = _loaded(line)
-        if not isinstance(entry, dict) or entry.keys() != {"case", "result"}:
+        entry = _json_line(line)
+        if not isinstance(entry, dict) or entry.keys() != {
+            "case",
+            "result",
+        }:
             raise ValueError(f"store {path} is damaged in line {number}: {_MEND}")
         done[_text("cases", entry["case"])] = entry["result"]
     return done
 
 
-def _loaded(line: bytes) -> Any:
+def _json_line(line: bytes) -> Any:
     try:
         return json.loads(line)
     except (ValueError, RecursionError):
         return None
 
 
-def _opened(store: str | os.PathLike[str] | None, heading: dict[str, Any]) -> IO[str]:
+def _store_file(store: str | os.PathLike[str] | None, heading: dict[str, Any]) -> IO[str]:
     """The store, to which each line is written at once; without one, lines go nowhere."""
     path = Path(os.devnull if store is None else store)
     if store is not None and path.exists():

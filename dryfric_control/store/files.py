@@ -40,7 +40,10 @@ def existing_file(source: str | os.PathLike[str]) -> Path:
         if path.is_dir():
             raise IsADirectoryError(f"{path} is a directory; give one file in it")
         if not path.is_file():
-            near = did_you_mean(path.name, os.listdir(path.parent) if path.parent.is_dir() else [])
+            near = did_you_mean(
+                path.name,
+                os.listdir(path.parent) if path.parent.is_dir() else [],
+            )
             raise FileNotFoundError(f"there is no file {str(path)!r}{near}")
         if path.stat().st_size == 0:
             raise ValueError(f"{path.name} is empty (0 bytes)")
@@ -95,7 +98,11 @@ def output_folder(out: str | os.PathLike[str]) -> Path:
     return folder
 
 
-def read_toml(path: str | os.PathLike[str], read: Callable[[Any], T], table: str = "") -> T:
+def read_toml(
+    path: str | os.PathLike[str],
+    read: Callable[[Any], T],
+    table: str = "",
+) -> T:
     """What `read` makes of a TOML file, or of one table in it; its errors name the file."""
     raw = existing_file(path).read_bytes()
     try:

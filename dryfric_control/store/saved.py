@@ -13,8 +13,17 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.store.axis_file import axis_from_dict, axis_to_dict, read_axis
-from dryfric_control.store.files import existing_file, file_path, read_json, replacing
+from dryfric_control.store.axis_file import (
+    axis_from_dict,
+    axis_to_dict,
+    read_axis,
+)
+from dryfric_control.store.files import (
+    existing_file,
+    file_path,
+    read_json,
+    replacing,
+)
 
 #: Version of the files that are written.
 VERSION = 1
@@ -24,9 +33,15 @@ MIGRATIONS: dict[int, Callable[[str, dict[str, Any]], dict[str, Any]]] = {}
 _PLAIN = (str, bool, int, type(None))
 # What senseless data make their class or a check raise.
 _SENSELESS = (
-    ArithmeticError, AttributeError, IndexError, KeyError, RecursionError, SyntaxError, TypeError,
+    ArithmeticError,
+    AttributeError,
+    IndexError,
+    KeyError,
+    RecursionError,
+    SyntaxError,
+    TypeError,
     ValueError,
-)  # fmt: skip
+)
 
 
 class Saved:
@@ -116,9 +131,16 @@ class Saved:
 
 def write_document(path: str | os.PathLike[str], kind: str, data: Mapping[str, Any]) -> None:
     """Write plain data as JSON with a checksum, as a whole or not at all."""
-    whole = {"format": f"dryfric-control {kind}", "version": VERSION, **data}
+    whole = {
+        "format": f"dryfric-control {kind}",
+        "version": VERSION,
+        **data,
+    }
     whole["checksum"] = _checksum(whole)
-    with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+    with (
+        replacing(path) as temporary,
+        temporary.open("w", encoding="utf-8") as file,
+    ):
         json.dump(whole, file, indent=1, allow_nan=False)
         file.write("\n")
 
@@ -143,7 +165,11 @@ def read_document(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, An
     return data, intact
 
 
-def load_any(path: str | os.PathLike[str], classes: Sequence[type[Saved]], mend: str) -> Any:
+def load_any(
+    path: str | os.PathLike[str],
+    classes: Sequence[type[Saved]],
+    mend: str,
+) -> Any:
     """An axis (TOML), or an object that one of some classes saved."""
     source = existing_file(path)
     if source.suffix == ".toml":
@@ -172,14 +198,6 @@ def to_plain(value: Any, classes: Sequence[type]) -> Any:
         return value
     if isinstance(value, float):
         return value if math.isfinite(value) else {"is": "float", "value": repr(value)}
-    if isinstance(value, (tuple, list)):
-        items = [to_plain(one, classes) for one in value]
-        return {"is": "tuple", "items": items} if isinstance(value, tuple) else items
-    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-        flat = value.ravel().tolist()
-        if value.dtype.kind == "f":
-            flat = [v if math.isfinite(v) else repr(v) for v in flat]
-        return {"is": "array", "dtype": value.dtype.str, "shape": value.shape, "values": flat}
     if isinstance(value, Mapping):
         pairs = [[to_plain(k, classes), to_plain(v, classes)] for k, v in value.items()]
         return {"is": "dict", "items": pairs}
@@ -188,8 +206,31 @@ def to_plain(value: Any, classes: Sequence[type]) -> Any:
     if is_dataclass(value) and type(value) in classes:
         held = {item.name: to_plain(getattr(value, item.name), classes) for item in fields(value)}
         return {"is": type(value).__name__, "fields": held}
+    return _plain_sequence(value, classes)
+
+
+def _plain_sequence(value: Any, classes: Sequence[type]) -> Any:
+    """What JSON holds of a tuple, list or array."""
+    if isinstance(value, (tuple, list)):
+        items = [to_plain(one, classes) for one in value]
+        return {"is": "tuple", "items": items} if isinstance(value, tuple) else items
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+        return _plain_array(value)
     known = ", ".join(sorted(one.__name__ for one in classes))
     raise ValueError(f"a {type(value).__name__} cannot be saved: it is none of {known}")
+
+
+def _plain_array(array: np.ndarray) -> dict[str, Any]:
+    """What JSON holds of an array: numbers that are not finite as text."""
+    values = array.ravel().tolist()
+    if array.dtype.kind == "f":
+        values = [value if math.isfinite(value) else repr(value) for value in values]
+    return {
+        "is": "array",
+        "dtype": array.dtype.str,
+        "shape": array.shape,
+        "values": values,
+    }
 
 
 def from_plain(data: Any, classes: Sequence[type]) -> Any:

@@ -11,7 +11,7 @@ import dryfric_control as dfc
 from dryfric_control.compiled import compensation
 from dryfric_control.compiled.windowed_runs import NO_FORCE
 from dryfric_control.export import export_c
-from dryfric_control.export.objects import ROOM, Exported, exported
+from dryfric_control.export.objects import ROOM, Exported, export_object
 
 E = dfc.effects
 GCC = shutil.which("gcc")
@@ -92,7 +92,7 @@ class Native:
 
     def __init__(self, obj, folder: Path, precision="double", dt=None, flags=(), name=None):
         assert GCC is not None
-        self.made = exported(obj, name, dt)
+        self.made = export_object(obj, name, dt)
         self.files = export_c(obj, folder, precision, name=name, dt=dt)
         main = self.files[0].parent / "driver.c"
         main.write_text(driver(self.made))

@@ -89,7 +89,7 @@ def test_what_has_not_crossed_zero(mean):
 def test_a_tail_is_cut_in_part(share):
     mean, sd = 0.4, 1.3
     tail = kernel._positive_part(mean, sd)
-    total, centre, variance = kernel._without(share, mean, sd * sd, *tail)
+    total, centre, variance = kernel._truncated_moments(share, mean, sd * sd, *tail)
     x = np.linspace(mean - 10 * sd, mean + 10 * sd, 200_001)
     density = norm.pdf(x, mean, sd) * np.where(x > 0.0, 1.0, 1.0 - share)
     mass = trapezoid(density, x)
@@ -97,25 +97,27 @@ def test_a_tail_is_cut_in_part(share):
     assert (total, centre) == (pytest.approx(mass, abs=1e-4), pytest.approx(middle, abs=1e-4))
     assert variance == pytest.approx(trapezoid((x - middle) ** 2 * density, x) / mass, abs=1e-3)
     # Of a density that is nearly all tail the rest is left.
-    assert kernel._without(1.0, 0.4, 1.7, 1e-20, 0.1, 0.2) == pytest.approx((1e-20, 0.1, 0.2))
-    assert np.all(np.isfinite(kernel._without(1.0, 0.4, 1.7, 0.0, 0.1, 0.2)))
+    assert kernel._truncated_moments(1.0, 0.4, 1.7, 1e-20, 0.1, 0.2) == pytest.approx(
+        (1e-20, 0.1, 0.2)
+    )
+    assert np.all(np.isfinite(kernel._truncated_moments(1.0, 0.4, 1.7, 0.0, 0.1, 0.2)))
 
 
 @njit
 def make_positive(s):
-    kernel._make_positive(axis_step.pointer(s), kernel.BELIEFS)
+    kernel._make_positive(axis_step.pointer(s), kernel.MODE_STATES)
 
 
 @njit
 def condition(s, column, change, removed, variance):
-    kernel._condition(axis_step.pointer(s), kernel.BELIEFS, column, change, removed, variance)
+    kernel._condition(axis_step.pointer(s), kernel.MODE_STATES, column, change, removed, variance)
 
 
 LOWER = np.tril_indices(kernel.STATES)
 
 
-BELIEF = slice(kernel.BELIEFS, kernel.BELIEFS + kernel.STATES)
-COVARIANCE = slice(kernel.BELIEFS + kernel.COVARIANCE, kernel.BELIEFS + kernel.GAUSSIAN)
+BELIEF = slice(kernel.MODE_STATES, kernel.MODE_STATES + kernel.STATES)
+COVARIANCE = slice(kernel.MODE_STATES + kernel.COVARIANCE, kernel.MODE_STATES + kernel.GAUSSIAN)
 
 
 def covariance(s):

@@ -290,7 +290,7 @@ def test_best_gain_against_an_exhaustive_scalar_case():
     # After the correction X = 1/(1/S + 1 - 1/g^2) is what counts, S = 1 + X: with
     # q = 1 - 1/g^2 that is q X^2 + q X = 1, which has a solution for every g above 1.
     # Below, S grows by less than one a sample until 1/S < -q: 1e-4 in 20,000 samples.
-    assert best_gain({1: model.corrected()}, (1,)) == pytest.approx(1.0, rel=2e-4)
+    assert best_gain({1: model.current_form()}, (1,)) == pytest.approx(1.0, rel=2e-4)
 
 
 def test_summary_says_what_is_proved():

@@ -46,7 +46,7 @@ EVERYTHING = (
 
 
 def test_knowing_a_lag_pays_in_closed_loop():
-    """Bounds lie between the ratio that `benchmarks/observer.py --extended` prints and 1."""
+    """Bounds lie between the ratio that `benchmarks/observer.py effects` prints and 1."""
     plant = axis(fx.ActuatorLag(time_constant=6e-3))
     before, after = (watched(plant, own).score for own in (axis(), plant))
     assert after.friction < 0.3 * before.friction and after.speed < 0.6 * before.speed

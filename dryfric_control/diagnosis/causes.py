@@ -104,7 +104,29 @@ def causes_of(
     # base parameters that together scale the others, if none of them is known.
     gain_open = not problem.believed.effects and not {*problem.known, *problem.tolerance} & {*SLUGS}
     every = [SLUGS[n] for n in SLUGS if float(values_of(problem.believed, [n])[0]) > 0.0]
-    found = []
+    alternatives = {name: [*rivals.get(name, ())] for name in model.causes}
+    if GAIN in alternatives and gain_open:
+        alternatives[GAIN].append("+".join(every))
+    found = _effects_of(search, model, fitted, alternatives)
+    wrong = _wrong_base(search, model, final, fitted)
+    if GAIN in model.causes or not gain_open:
+        return found + wrong
+    _name_scales(search, model, final, wrong, every)
+    if len(wrong) == 1 and not model.causes:
+        # One wrong base parameter may be an effect that was not needed beside it.
+        others = [*wrong[0].alternatives, *_instead(search, final, wrong[0])]
+        return [replace(wrong[0], alternatives=tuple(others))]
+    return found + wrong
+
+
+def _effects_of(
+    search: Search,
+    model: Model,
+    fitted: Mapping[str, tuple[float, float, str]],
+    alternatives: Mapping[str, Sequence[str]],
+) -> list[Cause]:
+    """The effects of a model as causes, those with most evidence first."""
+    problem, found = search.problem, []
     for name in sorted(model.causes, key=lambda n: -model.worth.get(n, 0.0)):
         own = {n.partition(".")[2]: n for n in model.own(name) if n in fitted}
         less, fall = model.less.get(name), np.zeros(1)
@@ -113,24 +135,24 @@ def causes_of(
         fall = fall[np.isfinite(fall)]
         size = 2.0 / problem.samples
         gain = size * float(fall.sum()), size * float(np.std(fall) * math.sqrt(fall.size))
-        others = [*rivals.get(name, ()), *["+".join(every)] * (name == GAIN and gain_open)]
-        found.append(cause_of(problem.believed, name, own, fitted, gain, others))
-    wrong = _wrong_base(search, model, final, fitted)
-    if GAIN in model.causes or not gain_open:
-        return found + wrong
+        found.append(cause_of(problem.believed, name, own, fitted, gain, alternatives[name]))
+    return found
+
+
+def _name_scales(
+    search: Search, model: Model, final: Solution, wrong: list[Cause], every: Sequence[str]
+) -> None:
+    """Name a gain of the drive as an alternative of base parameters that are all wrong.
+
+    A scale brings one of them back to nominal; a value of zero cannot be scaled.
+    """
     slugs = [cause.effect for cause in wrong]
     for i, cause in enumerate(wrong):
-        # A scale brings one of them back to nominal; a value of zero cannot be scaled.
         if {*every} <= {*slugs} and cause.effect in every and all(cause.parameters.values()):
-            alike = _load_does_the_same(problem, model, final, *cause.parameters)
-            rest = [c.effect for c in wrong if _apart(problem, c, cause)]
+            alike = _load_does_the_same(search.problem, model, final, *cause.parameters)
+            rest = [c.effect for c in wrong if _apart(search.problem, c, cause)]
             scales = ["+".join([one, *rest]) for one in (GAIN, _LOAD)[: 1 + alike]]
             wrong[i] = replace(cause, alternatives=(*cause.alternatives, *scales))
-    if len(wrong) == 1 and not model.causes:
-        # One wrong base parameter may be an effect that was not needed beside it.
-        others = [*wrong[0].alternatives, *_instead(search, final, wrong[0])]
-        return [replace(wrong[0], alternatives=tuple(others))]
-    return found + wrong
 
 
 def scaling_with_gain(fit: Solution) -> list[tuple[str, float]]:

@@ -636,6 +636,28 @@ class Gram:
         # One that leaves as much of the force as these without one of them is no better than that.
         most = [MAX_SAME_RESIDUAL**2 * min(rest(k, n) for n in some) for k, some in enumerate(sets)]
         sizes = [sum(map(_size, some)) for some in sets]
+        best = self._simplest_alike(sets, sizes, force, most)
+        free = problem.free_of(self.fit)
+        for some, (*_, name, values) in zip(sets, best, strict=True):
+            if name:
+                bare = problem.less(self.fit.axis, *some)
+                others = problem.free_without(free, *some)
+                start = with_effect(bare, name, values)
+                yield some, name, start.axis, (*others, *start.free)
+
+    def _simplest_alike(
+        self,
+        sets: Sequence[tuple[str, ...]],
+        sizes: Sequence[int],
+        force: FloatArray,
+        most: Sequence[float],
+    ) -> list[tuple[float, float, str, dict[str, float]]]:
+        """For each set of causes the smallest effect that acts as they do in sliding.
+
+        Its size, the squares it leaves of their `force`, at most `most`, its name, empty if there
+        is none, and its values.
+        """
+        slides = self.here.direction != 0.0
         best = [(math.inf, math.inf, "", dict[str, float]())] * len(sets)
         for one in (i for i in self.items if i.column.force and i.name != REVERSAL):
             c, left = _left(np.stack(one.column.force, axis=1)[slides], force)
@@ -646,13 +668,7 @@ class Gram:
                 if new and allowed and left[k] < most[k] and (size, left[k]) < best[k][:2]:
                     values = dict(one.column.values(c[:, k].tolist()))
                     best[k] = size, float(left[k]), one.name, values
-        free = problem.free_of(self.fit)
-        for some, (*_, name, values) in zip(sets, best, strict=True):
-            if name:
-                bare = problem.less(self.fit.axis, *some)
-                others = problem.free_without(free, *some)
-                start = with_effect(bare, name, values)
-                yield some, name, start.axis, (*others, *start.free)
+        return best
 
     def whole(self, most: int) -> tuple[list[Proposal], bool]:
         """Starts with all effects that forward selection finds.
@@ -714,9 +730,17 @@ class Gram:
         """The likeliest start in one pass, and that in another form, if there are any."""
         best = dict[tuple[bool, float], Proposal]()
         held = next(self._axes(chosen), (None, ()))[0]
+        for option in self._neighbours(chosen):
+            for other, one in self._one_pass(predicted, option, held):
+                key = other, one.quieter
+                if key not in best or one.cost < best[key].cost:
+                    best[key] = one
+        return [*best.values()]
+
+    def _neighbours(self, chosen: list[int]) -> list[list[int]]:
+        """The set, and sets with another shape of one of its effects, likeliest first."""
         options = [chosen]
         for k, g in enumerate(chosen):
-            # Other shapes of one effect at a time.
             others = [
                 o for o, one in enumerate(self.items) if one.name == self.items[g].name and o != g
             ]
@@ -726,36 +750,39 @@ class Gram:
             rows = [(max(n, self.items[o].gain), o) for n, o in zip(gains, others, strict=True)]
             rows = sorted((r for r in rows if r[0] > -math.inf), reverse=True)
             options += [[*chosen[:k], o, *chosen[k + 1 :]] for _, o in rows[:MAX_OTHER_SHAPES]]
-        for option in options:
-            names = tuple(self.items[g].name for g in option)
-            memory = tuple(
-                f"{self.items[g].name}." for g in option if self.items[g].gain > -math.inf
-            )
-            starts = (
-                (one, free, k > 0)
-                for axis, free in self._axes(option)
-                for k, one in enumerate(forms(axis, names))
-            )
-            for axis, free, other in starts:
-                # The numbers of the usual form are no guide to what it holds.
-                own = (*free, *(n for name in names for n in held_by(name))) if other else free
-                try:
-                    likelihood = self.problem.likelihood(
-                        axis, (*self.problem.free_of(self.fit), *own)
+        return options
+
+    def _one_pass(
+        self, predicted: float, option: Sequence[int], held: FrictionAxis | None
+    ) -> Iterator[tuple[bool, Proposal]]:
+        """Starts with a set of items, with their costs in one pass, where these are finite.
+
+        And whether each is of another form than the usual one.
+        """
+        names = tuple(self.items[g].name for g in option)
+        memory = tuple(f"{self.items[g].name}." for g in option if self.items[g].gain > -math.inf)
+        starts = (
+            (one, free, k > 0)
+            for axis, free in self._axes(option)
+            for k, one in enumerate(forms(axis, names))
+        )
+        for axis, free, other in starts:
+            # The numbers of the usual form are no guide to what it holds.
+            own = (*free, *(n for name in names for n in held_by(name))) if other else free
+            try:
+                likelihood = self.problem.likelihood(axis, (*self.problem.free_of(self.fit), *own))
+            except ValueError:
+                continue
+            remembers = tuple(n for n in own if n.startswith(memory))
+            parts = self._parts if memory else SCREENING_FORCE_FACTORS[:1]
+            costs = self._costs(likelihood, parts)
+            for part, cost, level in zip(parts, costs, self._levels, strict=False):
+                cost += self._levels[0] - level
+                if math.isfinite(cost):
+                    yield (
+                        other,
+                        Proposal(names, axis, own, cost, predicted, held, remembers, part),
                     )
-                except ValueError:
-                    continue
-                remembers = tuple(n for n in own if n.startswith(memory))
-                parts = self._parts if memory else SCREENING_FORCE_FACTORS[:1]
-                costs = self._costs(likelihood, parts)
-                for part, cost, level in zip(parts, costs, self._levels, strict=False):
-                    cost += self._levels[0] - level
-                    key = other, part
-                    if math.isfinite(cost) and (key not in best or cost < best[key].cost):
-                        best[key] = Proposal(
-                            names, axis, own, cost, predicted, held, remembers, part
-                        )
-        return [*best.values()]
 
     def _axes(self, chosen: Sequence[int]) -> Iterator[tuple[FrictionAxis, tuple[str, ...]]]:
         """The model with items at their coefficients, its base as it is and moved along."""

@@ -170,17 +170,7 @@ class Looks:
         joined = [p for p in proposals if len(p.names) > 1]
         waiting = self._looked([p for p in proposals if len(p.names) == 1], proposals)
         while True:
-            # The most promising goes on; what can neither pay nor outdo the best is left, and
-            # joined causes of which one alone fits better: the next round begins there.
-            reached = [(r.names, r.fit.cost) for r in self.rows]
-            reached += [(one.proposal.names, one.fit.cost) for one in waiting]
-            waiting = [
-                one for one in waiting
-                if self._hopeful(one, top) and not any(
-                    {*names} < {*one.proposal.names} and cost <= one.fit.cost
-                    for names, cost in reached
-                )
-            ]  # fmt: skip
+            waiting = self._worth_a_step(waiting, top)
             if not waiting and joined:
                 # Joined causes are looked at if they promise more than single ones reached.
                 some = [p for p in joined if p.predicted > top[0] - FIT_SLACK]
@@ -188,6 +178,7 @@ class Looks:
                 continue
             if not waiting:
                 return
+            # The most promising goes on.
             last = min(waiting, key=lambda one: one.fit.cost - REMAINING_GAIN_RATIO * one.hope)
             waiting.remove(last)
             fit = self._further(last)
@@ -204,6 +195,22 @@ class Looks:
             else:
                 hope = min(fit.promised, last.fit.cost - fit.cost)
                 waiting.append(Look(last.proposal, fit, hope, last.first, turns))
+
+    def _worth_a_step(self, waiting: Sequence[Look], top: _Top) -> list[Look]:
+        """Fits that go on.
+
+        What can neither pay nor outdo the best is left, and joined causes of which one alone fits
+        better: the next round begins there.
+        """
+        reached = [(r.names, r.fit.cost) for r in self.rows]
+        reached += [(one.proposal.names, one.fit.cost) for one in waiting]
+        return [
+            one for one in waiting
+            if self._hopeful(one, top) and not any(
+                {*names} < {*one.proposal.names} and cost <= one.fit.cost
+                for names, cost in reached
+            )
+        ]  # fmt: skip
 
     def _level(self, part: float) -> float:
         """Cost of the model at a factor of the raised random force.

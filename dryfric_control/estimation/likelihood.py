@@ -244,30 +244,11 @@ class Likelihood:
                 self.place.append(i)
         names = [p.name for p in self.parameters]
         self.names = names
-        # For every parameter with a prior: nominal value, standard deviation of the logarithm,
-        # and whether a change costs as an assumption does.
-        self.beliefs: dict[int, tuple[float, float, bool]] = {}
-        for j, p in enumerate(self.parameters):
-            if p.name not in (*priors, *tolerance):
-                continue
-            value = float(values_of(believed, [p.name])[0])
-            if value != 0.0:
-                # An amount of an effect may have either sign.
-                spread = tolerance.get(p.name, BASE_LOG_DEVIATION if p.name in BASE else math.inf)
-                self.beliefs[j] = (value, spread, wonder and p.name not in tolerance)
+        self.beliefs = self._prior_numbers(believed, tolerance, priors, wonder)
         n = len(names)
         self.size = n + 2 * len(runs)
         self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        for j, p in enumerate(self.parameters):
-            if p.low > -np.inf:
-                self.low[j] = p.search(p.low)
-            if p.high < np.inf:
-                self.high[j] = p.search(p.high)
-            if p.name == "mass" and j in self.beliefs:
-                value, spread, _ = self.beliefs[j]
-                most = max(MAX_MASS_RATIO, math.exp(min(4.0 * spread, 6.0)))
-                least = 1.0 / max(most, MAX_MASS_REDUCTION)
-                self.low[j], self.high[j] = (p.search(value * f) for f in (least, most))
+        self._bound_parameters()
         # Parameters that do not act as a force on the mass of a sliding axis.
         forceless = {n for n, e in named(axis).items() if e.action in _FORCELESS_ACTIONS}
         self.late = {n for n in names if n == SHIFT or n.partition(".")[0] in forceless}
@@ -278,7 +259,44 @@ class Likelihood:
         # Applies a function to coordinates that do not depend on each other, in threads if any.
         self.map: Callable[..., Iterable[Any]] = map
 
+    def _prior_numbers(
+        self,
+        believed: FrictionAxis,
+        tolerance: Mapping[str, float],
+        priors: Sequence[str],
+        wonder: bool,
+    ) -> dict[int, tuple[float, float, bool]]:
+        """Numbers of the prior of each parameter that has one, by its coordinate.
+
+        Nominal value, standard deviation of the logarithm, and whether a change costs as an
+        assumption does.
+        """
+        found = {}
+        for j, p in enumerate(self.parameters):
+            if p.name not in (*priors, *tolerance):
+                continue
+            value = float(values_of(believed, [p.name])[0])
+            if value != 0.0:
+                # An amount of an effect may have either sign.
+                spread = tolerance.get(p.name, BASE_LOG_DEVIATION if p.name in BASE else math.inf)
+                found[j] = (value, spread, wonder and p.name not in tolerance)
+        return found
+
+    def _bound_parameters(self) -> None:
+        """Bound the coordinates of the parameters."""
+        for j, p in enumerate(self.parameters):
+            if p.low > -np.inf:
+                self.low[j] = p.search(p.low)
+            if p.high < np.inf:
+                self.high[j] = p.search(p.high)
+            if p.name == "mass" and j in self.beliefs:
+                value, spread, _ = self.beliefs[j]
+                most = max(MAX_MASS_RATIO, math.exp(min(4.0 * spread, 6.0)))
+                least = 1.0 / max(most, MAX_MASS_REDUCTION)
+                self.low[j], self.high[j] = (p.search(value * f) for f in (least, most))
+
     def _bound_noises(self) -> None:
+        """Bound the coordinates of the noises."""
         n = len(self.names)
         for i, run in enumerate(self.runs):
             a, b = n + 2 * i, n + 2 * i + 1

@@ -59,7 +59,7 @@ def begun(
     return maximise(likelihood, z, turns, problem.until)
 
 
-def walked(
+def grid_search(
     likelihood: Likelihood, z: FloatArray, own: Sequence[str], noises: FloatArray
 ) -> FloatArray:
     """Parameters of a shape with a memory, each tried at factors of its value.
@@ -69,12 +69,12 @@ def walked(
     """
     start = z = with_force(likelihood, z)
     for factors in GRID_FACTORS:
-        z = along(likelihood, z, own, factors)
+        z = best_factors(likelihood, z, own, factors)
     # What a large random force hides is not decided there.
     return min((start, z), key=lambda at: likelihood.tried(with_noises(at, noises)).cost)
 
 
-def along(
+def best_factors(
     likelihood: Likelihood, z: FloatArray, own: Sequence[str], factors: Sequence[float]
 ) -> FloatArray:
     """Each of some parameters in turn at the likeliest factor of its value.
@@ -249,13 +249,13 @@ class Looks:
             alike = scaled(self.noises, one.quieter * one.axis.mass / now.axis.mass)
             starts = [likelihood.start(noises=alike)]
             if one.remembers:
-                starts = [walked(likelihood, starts[0], one.remembers, alike)]
+                starts = [grid_search(likelihood, starts[0], one.remembers, alike)]
                 # There the base takes up what the shape should, which may lead astray.
                 starts.append(continued(likelihood, starts[0], until=until))
             fits = (held(likelihood, with_noises(z, alike), until=until) for z in starts)
             fit = min(fits, key=cost_of)
             if one.remembers and math.isfinite(fit.cost):
-                there = along(likelihood, fit.z, one.remembers, FINE_GRID_FACTORS)
+                there = best_factors(likelihood, fit.z, one.remembers, FINE_GRID_FACTORS)
                 fit = held(likelihood, there, until=until)
             if not math.isfinite(fit.cost):
                 likelihood.at(fit.z)  # says why there is no such axis

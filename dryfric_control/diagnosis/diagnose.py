@@ -20,7 +20,13 @@ from dryfric_control.diagnosis.candidates import SLUGS
 from dryfric_control.diagnosis.causes import causes_of, changing, hardly_determined, rival, varying
 from dryfric_control.diagnosis.criterion import evidence
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
-from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, moving, quieter
+from dryfric_control.diagnosis.inputs import (
+    as_recorded,
+    denoised_inputs,
+    imposed,
+    moving,
+    with_input_lead,
+)
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
@@ -448,7 +454,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
             return *found, False
         begun = search.alone()
         # The least smoothing: a smoother input may hide that it does not cause the motion.
-        problem = search.problem = quieter(problem, recorded, begun, most=False)
+        problem = search.problem = denoised_inputs(problem, recorded, begun, most=False)
         if problem.runs is not recorded:
             begun = problem.fit(begun.axis, noises=noises_of(begun), turns=COMPARISON_ITERATIONS)
         search.now = Model(begun)
@@ -458,7 +464,9 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
                 return *found, False
         first = search.best(Model(begun))
         fall = 0.0 if first is None else begun.cost - first.fit.cost
-        early = led(problem, begun) if REMAINING_GAIN_RATIO * search.early > fall else None
+        early = (
+            with_input_lead(problem, begun) if REMAINING_GAIN_RATIO * search.early > fall else None
+        )
         if early is not None and (first is None or evidence(first.fit, early[1], ()) > 0.0):
             problem, begun = early
             search = Search(problem, tell, now=Model(begun))
@@ -483,7 +491,7 @@ def _force_first(search: Search, recorded: Sequence[Any]) -> tuple[Search, Model
         found = moving(problem, found.fit, found) or found
     if not found.causes or found.fit.cost > problem.straight_line.cost:
         return None
-    problem = search.problem = quieter(problem, recorded, found.fit, most=True)
+    problem = search.problem = denoised_inputs(problem, recorded, found.fit, most=True)
     fit = found.fit
     if any(a.u is not b.u for a, b in zip(recorded, problem.runs, strict=True)):
         fit = _refit(problem, fit, COMPARISON_ITERATIONS)
@@ -523,17 +531,17 @@ def _reconsidered(
     problem = search.problem
     if problem.late:
         return None
-    other = quieter(problem, recorded, model.fit, most=True)
+    other = denoised_inputs(problem, recorded, model.fit, most=True)
     fit = model.fit
     if any(a.u is not b.u for a, b in zip(other.runs, problem.runs, strict=True)):
         fit = _refit(other, fit, COMPARISON_ITERATIONS)
     if problem.shift is None:
-        early = led(other, fit) if search.early > 0.0 else None
+        early = with_input_lead(other, fit) if search.early > 0.0 else None
         other, fit = early if early is not None else (other, fit)
     else:
         less = replace(other, shift=None)
         alone = _refit(less, fit, COMPARISON_ITERATIONS)
-        if led(less, alone) is None:
+        if with_input_lead(less, alone) is None:
             other, fit = less, alone
     if fit is model.fit:
         return None

@@ -33,7 +33,9 @@ from dryfric_control.model.effects.columns import View
 from dryfric_control.records.motion import ONE_VELOCITY, usual_speeds
 
 
-def quieter(problem: Problem, recorded: Sequence[Run], fit: Solution, most: bool) -> Problem:
+def denoised_inputs(
+    problem: Problem, recorded: Sequence[Run], fit: Solution, most: bool
+) -> Problem:
     """The problem with as little, or as much (`most`), noise taken off its inputs as is likely.
 
     Measurement noise of the input does not act on the axis.  Left in, it would count as random
@@ -77,7 +79,7 @@ def as_recorded(fit: Solution, recorded: Sequence[Run]) -> Solution:
     return maximise(problem, fit.z, 12)
 
 
-def led(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
+def with_input_lead(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
     """The problem and fit with inputs that act before their time stamps, if data require it."""
     if problem.imposed or problem.shift is not None:
         return None
@@ -90,15 +92,15 @@ def led(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
         likelihood = one.likelihood(fit.axis, free, each=each_of(fit))
         costs[samples] = likelihood.tried(likelihood.start(noises=noises_of(fit))).cost
     # Parameters may have compensated for the lead, so no cost needs to be lower yet.
-    led = replace(problem, shift=-min(costs, key=costs.__getitem__) * dt)
-    found = led.fit(fit.axis, free, noises_of(fit), COMPARISON_ITERATIONS, each=each_of(fit))
+    with_lead = replace(problem, shift=-min(costs, key=costs.__getitem__) * dt)
+    found = with_lead.fit(fit.axis, free, noises_of(fit), COMPARISON_ITERATIONS, each=each_of(fit))
     shift = found.values()[SHIFT]
     sure = shift < -max(
         thresholds.MIN_STANDARD_ERRORS * found.standard_errors()[SHIFT],
         thresholds.MIN_VISIBLE_DELAY * dt,
     )
     if sure and evidence(fit, found) > 0.0:
-        return replace(led, shift=shift), found
+        return replace(with_lead, shift=shift), found
     return None
 
 

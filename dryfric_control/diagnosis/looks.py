@@ -43,7 +43,7 @@ FloatArray = NDArray[np.float64]
 _Top = tuple[float, tuple[float, float]]
 
 
-def begun(
+def fit_beside(
     problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution,
     turns: int = COMPARISON_ITERATIONS, **settings: Any,
 ) -> Solution:  # fmt: skip
@@ -110,7 +110,7 @@ def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Sol
         return fit
     free = problem.free_of(fit)
     axis = with_values(start, names, [problem.nominal[n] for n in names])
-    back = begun(problem, axis, free, fit, base=())
+    back = fit_beside(problem, axis, free, fit, base=())
     if back.cost > fit.cost:
         return fit
     again = problem.fit(back.axis, free, noises_of(back), COMPARISON_ITERATIONS, each=each_of(back))

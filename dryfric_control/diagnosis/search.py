@@ -21,7 +21,7 @@ from dryfric_control.diagnosis.criterion import cost_of, evidence, surprises
 from dryfric_control.diagnosis.force_view import ForceView
 from dryfric_control.diagnosis.gram import REVERSAL, Gram, Proposal
 from dryfric_control.diagnosis.invariants import in_free_runs, unsound
-from dryfric_control.diagnosis.looks import Looks, Row, begun
+from dryfric_control.diagnosis.looks import Looks, Row, fit_beside
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
@@ -161,7 +161,7 @@ class Search:
         if not starts and not names:
             return Model(nominal), builds_up
         begins = [(one.axis, (*free, *one.free)) for one in starts] or [(axis, free)]
-        fits = problem.parallel(lambda one: begun(problem, one[0], one[1], nominal), begins)
+        fits = problem.parallel(lambda one: fit_beside(problem, one[0], one[1], nominal), begins)
         names = (*names, *(starts[0].names if starts else ()))
         return Model(min(fits, key=cost_of), names), builds_up
 
@@ -221,7 +221,9 @@ class Search:
         if not starts:
             return now
         fits = self.problem.parallel(
-            lambda start: begun(self.problem, start, (*free, *more), now.fit, FIRST_ITERATIONS),
+            lambda start: fit_beside(
+                self.problem, start, (*free, *more), now.fit, FIRST_ITERATIONS
+            ),
             starts,
         )
         fit = min(fits, key=lambda one: one.cost - REMAINING_GAIN_RATIO * one.promised)
@@ -414,9 +416,9 @@ class Search:
         causes = problem.free_without(now.causes, name)
         before = self._rounds.get(frozenset(causes))
         if before is None:
-            return Model(begun(problem, axis, rest, fit), causes)
+            return Model(fit_beside(problem, axis, rest, fit), causes)
         # It is known: fitted again only as far as it may become likelier than it was.
-        less = begun(problem, axis, rest, fit, FIRST_ITERATIONS)
+        less = fit_beside(problem, axis, rest, fit, FIRST_ITERATIONS)
         if less.cost - REMAINING_GAIN_RATIO * less.promised < before[0].cost:
             less = maximise(less.problem, less.z, COMPARISON_ITERATIONS, problem.until, again=True)
         return Model(min(less, before[0], key=cost_of), causes)
@@ -498,7 +500,7 @@ class Search:
         least = -MIN_EVIDENCE - max(map(self._odds, now.causes)) - EQUAL_EVIDENCE
         for some, name, axis, free in self._merges.get(frozenset(now.causes), ()):
             causes = self.problem.free_without(now.causes, *some)
-            other = Model(begun(self.problem, axis, free, now.fit), (*causes, name))
+            other = Model(fit_beside(self.problem, axis, free, now.fit), (*causes, name))
             if self.over(other, now) > 0.5 * EQUAL_EVIDENCE:
                 return self.pruned(other)
         for name in sorted(now.worth, key=now.worth.__getitem__)[:MAX_EXCHANGED_CAUSES]:

@@ -43,8 +43,8 @@ from dryfric_control.estimation.likelihood import (
     BASE_LOG_DEVIATION,
     Likelihood,
     Point,
-    doubted,
-    wondered,
+    joint_nominal_error_cost,
+    nominal_error_cost,
 )
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.solution import Solution
@@ -513,7 +513,7 @@ class Gram:
             if nominal[k] != 0.0 and n not in self.problem.tolerance
         ]  # fmt: skip
         there = self._now[counts] * (1.0 + c[..., counts]) / nominal[counts]
-        return np.asarray(doubted(wondered(there))[0])
+        return np.asarray(joint_nominal_error_cost(nominal_error_cost(there))[0])
 
     def early(self) -> float:
         """Predicted gain of a drive that acts before its time stamps, 0 if by chance."""

@@ -423,7 +423,7 @@ class Likelihood:
     def prior_terms(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Prior cost with its gradient and curvature, each shape (ncoordinates,)."""
         total, g, h = 0.0, np.zeros(self.size), np.zeros(self.size)
-        wonders, trusted = doubted(self.surprises(z))
+        wonders, trusted = joint_nominal_error_cost(self.surprises(z))
         for j, (nominal, spread, wonder) in self.beliefs.items():
             p = self.parameters[j]
             value = p.value(z[j])
@@ -445,7 +445,9 @@ class Likelihood:
     def surprises(self, z: FloatArray) -> FloatArray:
         """Cost of each nominal value that is wrong, as an assumption of its own."""
         wonders = [(j, nominal) for j, (nominal, _, wonder) in self.beliefs.items() if wonder]
-        return wondered(np.array([self.parameters[j].value(z[j]) / one for j, one in wonders]))
+        return nominal_error_cost(
+            np.array([self.parameters[j].value(z[j]) / one for j, one in wonders])
+        )
 
     def _touches(self, j: int) -> list[int]:
         """Records that depend on coordinate j."""
@@ -610,12 +612,12 @@ class Likelihood:
         self.steps[:n] = np.clip(wider * _STEP_ERRORS * known, *_STEP_LIMITS)
 
 
-def wondered(ratio: FloatArray) -> FloatArray:
+def nominal_error_cost(ratio: FloatArray) -> FloatArray:
     """Cost of each base parameter, over its nominal value, as an assumption of its own."""
     return np.asarray(_NOMINAL_ERROR_WEIGHT * np.log1p(((ratio - 1.0) / _NOMINAL_DEVIATION) ** 2))
 
 
-def doubted(surprises: FloatArray) -> tuple[Any, Any]:
+def joint_nominal_error_cost(surprises: FloatArray) -> tuple[Any, Any]:
     """Cost of wrong nominal values together, and the probability that they can be trusted.
 
     Either each is right but for its own surprise, or none is known to _NOMINAL_DEVIATION, only to

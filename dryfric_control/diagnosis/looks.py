@@ -29,8 +29,8 @@ from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.scoring import (
     COMPARISON_ITERATIONS,
     FIRST_ITERATIONS,
-    continued,
-    held,
+    fit_with_fixed_noises,
+    force_continuation,
     maximise,
     with_force,
 )
@@ -220,7 +220,7 @@ class Looks:
         if part not in self._levels:
             model = self.problem.likelihood(self.now.axis, self.free, each=each_of(self.now))
             start = model.start(noises=scaled(self.noises, part))
-            self._levels[part] = held(model, start, until=self.problem.until).cost
+            self._levels[part] = fit_with_fixed_noises(model, start, until=self.problem.until).cost
         return self._levels[part]
 
     def _looked(self, some: Sequence[Proposal], proposals: Sequence[Proposal]) -> list[Look]:
@@ -251,12 +251,15 @@ class Looks:
             if one.remembers:
                 starts = [grid_search(likelihood, starts[0], one.remembers, alike)]
                 # There the base takes up what the shape should, which may lead astray.
-                starts.append(continued(likelihood, starts[0], until=until))
-            fits = (held(likelihood, with_noises(z, alike), until=until) for z in starts)
+                starts.append(force_continuation(likelihood, starts[0], until=until))
+            fits = (
+                fit_with_fixed_noises(likelihood, with_noises(z, alike), until=until)
+                for z in starts
+            )
             fit = min(fits, key=cost_of)
             if one.remembers and math.isfinite(fit.cost):
                 there = best_factors(likelihood, fit.z, one.remembers, FINE_GRID_FACTORS)
-                fit = held(likelihood, there, until=until)
+                fit = fit_with_fixed_noises(likelihood, there, until=until)
             if not math.isfinite(fit.cost):
                 likelihood.at(fit.z)  # says why there is no such axis
                 return None

@@ -42,7 +42,7 @@ from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.scoring import (
     COMPARISON_ITERATIONS,
     FIRST_ITERATIONS,
-    continued,
+    force_continuation,
     maximise,
 )
 from dryfric_control.estimation.solution import Solution
@@ -123,7 +123,7 @@ class Search:
             if held:
                 return problem.fit(start, turns=FIRST_ITERATIONS)
             open_minded = problem.likelihood(start, wonder=False)
-            z = continued(open_minded, open_minded.start(), until=problem.until)
+            z = force_continuation(open_minded, open_minded.start(), until=problem.until)
             return maximise(problem.likelihood(start), z, FIRST_ITERATIONS, problem.until)
 
         best = fit(axis, True)

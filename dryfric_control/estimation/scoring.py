@@ -57,7 +57,7 @@ _MIN_FORCE_LEVELS = 2
 _FORCE_FRACTIONS = (0.9, 0.5, 0.2, 0.07)
 
 
-def _quieter(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Point]:
+def _lower_random_force(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Point]:
     """A point with as much random force in each record as is best: the cost may have two minima."""
     n, quiet = len(problem.names), z.copy()
     for i, run in enumerate(problem.runs):
@@ -244,7 +244,7 @@ class _Scoring:
             return True
         before = self.point
         if not self.quiet:
-            self.z, self.point = _quieter(self.problem, self.z, self.point)
+            self.z, self.point = _lower_random_force(self.problem, self.z, self.point)
         if self.point is before:
             return False
         self.quiet, self.creeping = True, 0
@@ -295,7 +295,7 @@ class _Scoring:
                 return False
             self.z, self.point = lower
         elif not self.quiet:
-            self.z, self.point = _quieter(self.problem, self.z, self.point)
+            self.z, self.point = _lower_random_force(self.problem, self.z, self.point)
         self.damping, self.wider, self.quiet, self.creeping = 1e-3, _WIDE_STEP_FACTOR, True, 0
         self.problem.refine(h, self.wider)
         return True
@@ -320,7 +320,7 @@ def with_force(likelihood: Likelihood, z: Floats, part: float = _FIRST_FORCE_RAT
     return z
 
 
-def held(
+def fit_with_fixed_noises(
     likelihood: Likelihood, z: Floats, turns: int = FIRST_ITERATIONS, until: float = math.inf
 ) -> Solution:
     """Parameters fitted with the noises held, as far as slopes of forces lead."""
@@ -330,7 +330,7 @@ def held(
     return maximise(one, z, turns, until, True)
 
 
-def continued(likelihood: Likelihood, z: Floats, until: float = math.inf) -> Floats:
+def force_continuation(likelihood: Likelihood, z: Floats, until: float = math.inf) -> Floats:
     """Parameters fitted at random forces that are held, each lower, until below the friction."""
     level, drive = likelihood.axis.coulomb.mean, max(r.drive for r in likelihood.runs)
     below = (
@@ -340,11 +340,13 @@ def continued(likelihood: Likelihood, z: Floats, until: float = math.inf) -> Flo
     )
     for rung in range(max(math.ceil(below), _MIN_FORCE_LEVELS)):
         part = _FIRST_FORCE_RATIO * _FORCE_REDUCTION**rung
-        z = held(likelihood, with_force(likelihood, z, part), COMPARISON_ITERATIONS, until).z
+        z = fit_with_fixed_noises(
+            likelihood, with_force(likelihood, z, part), COMPARISON_ITERATIONS, until
+        ).z
     return z
 
 
-def looked(likelihood: Likelihood, z: Floats) -> list[Floats]:
+def breakaway_search(likelihood: Likelihood, z: Floats) -> list[Floats]:
     """Points at ever lower random forces, from the likeliest one: the rest held, what acts at
     breakaway is likeliest there.
 

@@ -30,8 +30,8 @@ from dryfric_control.estimation.scoring import (
     COMPARISON_ITERATIONS,
     FINAL_ITERATIONS,
     FIRST_ITERATIONS,
-    continued,
-    looked,
+    breakaway_search,
+    force_continuation,
     maximise,
 )
 from dryfric_control.estimation.solution import Solution
@@ -434,7 +434,7 @@ def likeliest(
 
     def search(point: Floats) -> Solution:
         own = problem.on(problem.runs)
-        return maximise(own, continued(own, np.concatenate((point, noises))), few)
+        return maximise(own, force_continuation(own, np.concatenate((point, noises))), few)
 
     def refined(z: Floats) -> Solution:
         return maximise(problem.on(problem.runs), z, COMPARISON_ITERATIONS, again=True)
@@ -443,7 +443,7 @@ def likeliest(
     found = run(joblib.delayed(search)(p) for p in points)
     ends = list(tqdm(found, name, len(points), unit="start", disable=not progress))
     if look:
-        there = looked(problem, np.concatenate((points[0], noises)))
+        there = breakaway_search(problem, np.concatenate((points[0], noises)))
         found = run(joblib.delayed(refined)(z) for z in there)
         ends += tqdm(found, name, len(there), unit="point", disable=not progress)
     ends = [ends[i] for i in ranked([one.cost for one in ends], _EQUAL)][:kept]

@@ -118,7 +118,7 @@ def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Sol
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class PartialFit:
     """A proposal while it is fitted.
 
     `hope`: fall of the cost that another step may bring; `first`: falls at the first look, where
@@ -133,7 +133,7 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class FittedProposal:
     """A proposal after its fit."""
 
     names: tuple[str, ...]
@@ -150,14 +150,14 @@ class Row:
 
 
 @dataclass(eq=False)
-class Looks:
+class ProposalFits:
     """Fits of proposals beside one model."""
 
     problem: Problem
     now: Solution  # the model
     odds: Mapping[str, float]  # logarithm of the number of shapes of each effect
     fail: Callable[[str, str], None]  # called with names and the reason why they were not tried
-    rows: list[Row] = field(default_factory=list)
+    rows: list[FittedProposal] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.free = self.problem.free_of(self.now)
@@ -168,20 +168,20 @@ class Looks:
         """Fit some proposals, and add their rows."""
         top = self._top()
         joined = [p for p in proposals if len(p.names) > 1]
-        waiting = self._looked([p for p in proposals if len(p.names) == 1], proposals)
+        waiting = self._first_fits([p for p in proposals if len(p.names) == 1], proposals)
         while True:
             waiting = self._worth_a_step(waiting, top)
             if not waiting and joined:
                 # Joined causes are looked at if they promise more than single ones reached.
                 some = [p for p in joined if p.predicted > top[0] - FIT_SLACK]
-                waiting, joined = self._looked(some, proposals), []
+                waiting, joined = self._first_fits(some, proposals), []
                 continue
             if not waiting:
                 return
             # The most promising goes on.
             last = min(waiting, key=lambda one: one.fit.cost - REMAINING_GAIN_RATIO * one.hope)
             waiting.remove(last)
-            fit = self._further(last)
+            fit = self._continued_fit(last)
             if fit is None:
                 continue
             turns = last.turns + FIRST_ITERATIONS
@@ -194,9 +194,9 @@ class Looks:
                 top = self._top()
             else:
                 hope = min(fit.promised, last.fit.cost - fit.cost)
-                waiting.append(Look(last.proposal, fit, hope, last.first, turns))
+                waiting.append(PartialFit(last.proposal, fit, hope, last.first, turns))
 
-    def _worth_a_step(self, waiting: Sequence[Look], top: _Top) -> list[Look]:
+    def _worth_a_step(self, waiting: Sequence[PartialFit], top: _Top) -> list[PartialFit]:
         """Fits that go on.
 
         What can neither pay nor outdo the best is left, and joined causes of which one alone fits
@@ -223,14 +223,16 @@ class Looks:
             self._levels[part] = fit_with_fixed_noises(model, start, until=self.problem.until).cost
         return self._levels[part]
 
-    def _looked(self, some: Sequence[Proposal], proposals: Sequence[Proposal]) -> list[Look]:
+    def _first_fits(
+        self, some: Sequence[Proposal], proposals: Sequence[Proposal]
+    ) -> list[PartialFit]:
         """First looks of some of the proposals that may gain.
 
         What no machine can have must not outdo what it may; the others of a joined proposal go
         on without it.
         """
-        found, rest = list[Look](), list[Proposal]()
-        for one in filter(None, self.problem.parallel(self._first, some)):
+        found, rest = list[PartialFit](), list[Proposal]()
+        for one in filter(None, self.problem.parallel(self._first_fit, some)):
             names, own = one.proposal.names, one.proposal.free
             lost = [n for n in names if impossible(self.problem, one.fit, n, _own(own, n))]
             if not lost:
@@ -239,9 +241,9 @@ class Looks:
                 rest.append(self._rest(one, lost))
         tried = {frozenset(one.names) for some in (proposals, self.rows) for one in some}
         rest = [one for one in rest if frozenset(one.names) not in tried]
-        return [*found, *self._looked(rest, proposals)] if rest else found
+        return [*found, *self._first_fits(rest, proposals)] if rest else found
 
-    def _first(self, one: Proposal) -> Look | None:
+    def _first_fit(self, one: Proposal) -> PartialFit | None:
         problem, now, until = self.problem, self.now, self.problem.until
         try:
             likelihood = problem.likelihood(one.axis, (*self.free, *one.free), each=each_of(now))
@@ -267,12 +269,12 @@ class Looks:
             if smooth + REMAINING_GAIN_RATIO * fit.promised < 0.5 * self._needed(one):
                 return None
             fit = maximise(likelihood, fit.z, FIRST_ITERATIONS, until, True)
-            return Look(one, fit, fit.promised, (smooth, now.cost - fit.cost))
+            return PartialFit(one, fit, fit.promised, (smooth, now.cost - fit.cost))
         except (ValueError, ArithmeticError) as wrong:
             self.fail("+".join(one.names), str(wrong))
             return None
 
-    def _rest(self, look: Look, lost: Sequence[str]) -> Proposal:
+    def _rest(self, look: PartialFit, lost: Sequence[str]) -> Proposal:
         """A proposal without some of its effects, from where its look ended."""
         problem, one = self.problem, look.proposal
 
@@ -285,7 +287,7 @@ class Looks:
             held=one.held and problem.less(one.held, *lost),
         )  # fmt: skip
 
-    def _further(self, look: Look) -> Solution | None:
+    def _continued_fit(self, look: PartialFit) -> Solution | None:
         one, fit, until = look.proposal, look.fit, self.problem.until
         try:
             if look.turns:
@@ -298,17 +300,19 @@ class Looks:
             self.fail("+".join(one.names), str(wrong))
             return None
 
-    def _row(self, look: Look, fit: Solution) -> Row:
+    def _row(self, look: PartialFit, fit: Solution) -> FittedProposal:
         one = look.proposal
         reasons = [unsound(self.problem, fit, n, _own(one.free, n)) for n in one.names]
         reason = next(filter(None, reasons), "")
-        return Row(one.names, one.free, fit, self._worth(fit, one.names), look.first, reason)
+        return FittedProposal(
+            one.names, one.free, fit, self._worth(fit, one.names), look.first, reason
+        )
 
     def _worth(self, fit: Solution, names: Sequence[str]) -> float:
         return evidence(self.now, fit, [self.odds[n] for n in names])
 
     @property
-    def good(self) -> list[Row]:
+    def good(self) -> list[FittedProposal]:
         """Rows that are good."""
         return [r for r in self.rows if r.good]
 
@@ -317,7 +321,7 @@ class Looks:
         gains = [(self.now.cost - r.fit.cost, r.first) for r in self.good]
         return max(gains, default=(-math.inf, (-math.inf, -math.inf)))
 
-    def _restored(self, row: Row, start: FrictionAxis | None) -> Row:
+    def _restored(self, row: FittedProposal, start: FrictionAxis | None) -> FittedProposal:
         """The row with the base back at nominal where that may decide which one is best."""
         most = max((r.evidence for r in self.rows if not r.reason), default=0.0)
         if row.reason or row.evidence + prior_of(row.fit) < max(most, 0.0):
@@ -338,7 +342,7 @@ class Looks:
         top, problem = max(good, key=lambda r: r.evidence), self.problem
         effect, base = named(top.fit.axis)[top.names[0]], problem.base
 
-        def one(row: Row) -> Row:
+        def one(row: FittedProposal) -> FittedProposal:
             name = row.names[0]
             if row is top or len(row.names) > 1 or row.fit.cost <= top.fit.cost:
                 return row
@@ -366,7 +370,7 @@ class Looks:
         """What the causes of a proposal cost."""
         return sum(MIN_EVIDENCE + self.odds[n] for n in one.names)
 
-    def _hopeful(self, look: Look, top: _Top) -> bool:
+    def _hopeful(self, look: PartialFit, top: _Top) -> bool:
         """Whether a fit may still gain what its causes cost, and as much as the best one.
 
         `top`: what that gained in the end, and at its first look: looks are compared with looks.

@@ -21,7 +21,7 @@ from dryfric_control.diagnosis.criterion import cost_of, evidence, surprises
 from dryfric_control.diagnosis.force_view import ForceView
 from dryfric_control.diagnosis.gram import REVERSAL, Gram, Proposal
 from dryfric_control.diagnosis.invariants import in_free_runs, unsound
-from dryfric_control.diagnosis.looks import Looks, Row, fit_beside
+from dryfric_control.diagnosis.looks import FittedProposal, ProposalFits, fit_beside
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
@@ -97,7 +97,9 @@ class Search:
     early: float = 0.0
     #: The best model so far.
     now: Any = None
-    _rounds: dict[frozenset[str], tuple[Solution, list[Row]]] = field(default_factory=dict)
+    _rounds: dict[frozenset[str], tuple[Solution, list[FittedProposal]]] = field(
+        default_factory=dict
+    )
     #: Those without shapes that take passes, which another explanation spared.
     _spared_rounds: set[frozenset[str]] = field(default_factory=set)
     #: Starts with one effect in the place of a cause or two.
@@ -247,11 +249,11 @@ class Search:
             there = self.without(there, name)
         return there if there.fit.cost < now.fit.cost - FIT_SLACK else None
 
-    def best(self, now: Model) -> Row | None:
+    def best(self, now: Model) -> FittedProposal | None:
         """The proposal that joins; of equally good ones the one with fewest assumptions."""
         return self._chosen(now, self.round(now) if len(now.causes) < MAX_CAUSES else ())
 
-    def _chosen(self, now: Model, rows: Sequence[Row]) -> Row | None:
+    def _chosen(self, now: Model, rows: Sequence[FittedProposal]) -> FittedProposal | None:
         room = MAX_CAUSES - len(now.causes)
         good = [r for r in rows if r.good and len(r.names) <= room]
         # What fits no better than one with fewer parameters gains nothing over it on unseen data.
@@ -263,7 +265,7 @@ class Search:
 
     def round(
         self, now: Model, other: Solution | None = None, among: Collection[str] = ()
-    ) -> list[Row]:
+    ) -> list[FittedProposal]:
         """Proposals beside a model, fitted; none where nothing is left to explain.
 
         `other`: another explanation; `among`: the effects that are proposed, all if empty.
@@ -275,7 +277,7 @@ class Search:
             if other is not None or key not in self._spared_rounds:
                 return self._rounds[key][1]
         grams = self._grams(now)
-        looks = Looks(self.problem, now.fit, self.odds, self._fail)
+        looks = ProposalFits(self.problem, now.fit, self.odds, self._fail)
         looks.fit(_about(among, self._proposals(now, grams)))
         if self._memory_wanted(now, grams, looks, other, among):
             for gram in grams:
@@ -296,7 +298,7 @@ class Search:
         return rows
 
     def _memory_wanted(
-        self, now: Model, grams: Sequence[Gram], looks: Looks, other: Solution | None,
+        self, now: Model, grams: Sequence[Gram], looks: ProposalFits, other: Solution | None,
         among: Collection[str],
     ) -> bool:  # fmt: skip
         """Whether shapes with a memory, which take passes of the filter, are tried in a round.
@@ -600,12 +602,12 @@ def _simpler_set(one: Model, other: Model) -> bool:
     return sizes[0] < sizes[1]
 
 
-def _simpler(one: Row, other: Row) -> bool:
+def _simpler(one: FittedProposal, other: FittedProposal) -> bool:
     """Whether a row has fewer parameters than another and fits as well."""
     fewer = len(one.fit.problem.names) < len(other.fit.problem.names)
     return fewer and one.fit.cost <= other.fit.cost
 
 
-def _assumptions(row: Row) -> tuple[int, float, float]:
+def _assumptions(row: FittedProposal) -> tuple[int, float, float]:
     rank = max(effect_class(n).rank for n in row.names)
     return len(row.fit.problem.names), rank, -row.evidence

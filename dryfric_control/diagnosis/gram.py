@@ -113,7 +113,7 @@ class Proposal:
     quieter: float = 1.0  # factor of the random force of that pass
 
 
-def raised(problem: Problem, fit: Solution) -> FloatArray:
+def screening_noises(problem: Problem, fit: Solution) -> FloatArray:
     """Noises of a fit with the random force within parts of the drive.
 
     With next to no random force a switch at another sample counts as an outlier and what acts
@@ -128,7 +128,7 @@ def raised(problem: Problem, fit: Solution) -> FloatArray:
     return z
 
 
-def scaled(noises: FloatArray, part: float) -> FloatArray:
+def with_force_factor(noises: FloatArray, part: float) -> FloatArray:
     """Noises with the random force of each record times a factor."""
     z = noises.copy()
     z[::2] += 2.0 * math.log(part)
@@ -163,7 +163,7 @@ class Gram:
 
     def __post_init__(self) -> None:
         problem, fit = self.problem, self.fit
-        self.noises = raised(problem, fit)
+        self.noises = screening_noises(problem, fit)
         z = np.concatenate((fit.z[: len(fit.problem.names)], self.noises))
         self.likelihood, self.z = self._rigid(fit.problem, z)
         self.here = here = self.view or Linearised(problem, self.likelihood, self.z)
@@ -357,7 +357,7 @@ class Gram:
         """Costs in one pass at factors of the random force, the size of all noises fitted."""
         costs = []
         for part in parts:
-            z = likelihood.start(noises=scaled(self.noises, part))
+            z = likelihood.start(noises=with_force_factor(self.noises, part))
             costs.append(profiled(likelihood, likelihood.tried(z)) + likelihood.prior(z))
         return costs
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import with_effect
 from dryfric_control.diagnosis.criterion import cost_of, evidence, prior_of
-from dryfric_control.diagnosis.gram import Proposal, raised, scaled
+from dryfric_control.diagnosis.gram import Proposal, screening_noises, with_force_factor
 from dryfric_control.diagnosis.invariants import impossible, unsound
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
@@ -161,7 +161,7 @@ class ProposalFits:
 
     def __post_init__(self) -> None:
         self.free = self.problem.free_of(self.now)
-        self.noises = raised(self.problem, self.now)
+        self.noises = screening_noises(self.problem, self.now)
         self._levels = dict[float, float]()
 
     def fit(self, proposals: Sequence[Proposal]) -> None:
@@ -219,7 +219,7 @@ class ProposalFits:
         """
         if part not in self._levels:
             model = self.problem.likelihood(self.now.axis, self.free, each=each_of(self.now))
-            start = model.start(noises=scaled(self.noises, part))
+            start = model.start(noises=with_force_factor(self.noises, part))
             self._levels[part] = fit_with_fixed_noises(model, start, until=self.problem.until).cost
         return self._levels[part]
 
@@ -248,7 +248,7 @@ class ProposalFits:
         try:
             likelihood = problem.likelihood(one.axis, (*self.free, *one.free), each=each_of(now))
             # A random force that accelerates as much.
-            alike = scaled(self.noises, one.quieter * one.axis.mass / now.axis.mass)
+            alike = with_force_factor(self.noises, one.quieter * one.axis.mass / now.axis.mass)
             starts = [likelihood.start(noises=alike)]
             if one.remembers:
                 starts = [grid_search(likelihood, starts[0], one.remembers, alike)]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dryfric_control.diagnosis.thresholds import SOONEST
+from dryfric_control.diagnosis.thresholds import MIN_VISIBLE_DELAY
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.effect import KINDS, REGISTRY
@@ -25,20 +25,23 @@ BASE = {slug: effect.base for slug, effect in REGISTRY.items() if effect.base}
 SLUGS = {name: slug for slug, name in BASE.items()}
 
 # Margin at each end of the records' travel, as a fraction of it, in which a place is still valid.
-_OUTSIDE = 0.1
-# A characteristic speed beyond _FASTER times the largest of the records (the quantile
-# _NEARLY_ALL of |v|) has no visible effect: the record looks the same for all such values.
-_FASTER, _NEARLY_ALL = 3.0, 0.995
+_TRAVEL_MARGIN = 0.1
+# Characteristic speed over the fast speed of the records, beyond which it has no visible effect:
+# the record looks the same for all such values.
+_MAX_SPEED_RATIO = 3.0
+# Quantile of |v| that is the fast speed of the records.
+_FAST_QUANTILE = 0.995
 # Slowest characteristic speed [encoder increments per sample]: slower sliding looks like rest.
-_SLOWEST = 0.1
+_MIN_SPEED = 0.1
 # Longest time, over the length of the record, by which a drive may be late.
-_LATEST = 0.03
+_MAX_DELAY_FRACTION = 0.03
 # Smallest length, as a fraction of an increment of the readings, that has a visible effect: with a
-# narrower play the filter differs from that without one, but not the machine.  An error of the
-# readings within half an increment is their rounding.
-_FINER, _ROUNDING = 0.1, 0.5
+# narrower play the filter differs from that without one, but not the machine.
+_MIN_VISIBLE_LENGTH = 0.1
+# Error of the readings, as a fraction of their increment, up to which it is their rounding.
+_MIN_READING_ERROR = 0.5
 # Actions of which an axis has at most one effect.
-_SINGLE = ("delay", "lag", "contact", "transmission")
+EXCLUSIVE_ACTIONS = ("delay", "lag", "contact", "transmission")
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ def catalogue(axis: FrictionAxis, found: Sequence[str] = ()) -> tuple[str, ...]:
         alike = [n for n in present if class_of(n) is effect]
         if alike:
             alike += [f"{slug}_{len(alike) + 1}"] if effect.repeats else []
-        elif effect.action not in actions.intersection(_SINGLE):
+        elif effect.action not in actions.intersection(EXCLUSIVE_ACTIONS):
             alike = [slug]
         names += [n for n in alike if n not in found]
     return tuple(names)
@@ -101,19 +104,21 @@ def shown(
         return KINDS["share"]
     if kind == "place":
         low, high = min(float(r.x.min()) for r in records), max(float(r.x.max()) for r in records)
-        room = _OUTSIDE * (high - low)
+        room = _TRAVEL_MARGIN * (high - low)
         return min([low - room, *(travel or ())]), max([high + room, *(travel or ())])
     dt = float(np.median([r.dt for r in records]))
     if kind == "time":
-        return SOONEST * dt, _LATEST * max(r.duration for r in records)
+        return MIN_VISIBLE_DELAY * dt, _MAX_DELAY_FRACTION * max(r.duration for r in records)
     step = min(r.resolution.step for r in records)
     if unit == "s":
         return dt, math.inf
     if unit == "m" and kind == "amount":
-        return (_ROUNDING if effect.action == "reading" else _FINER) * step, math.inf
+        return (
+            _MIN_READING_ERROR if effect.action == "reading" else _MIN_VISIBLE_LENGTH
+        ) * step, math.inf
     if unit == "m/s":
-        fast = max(np.quantile(np.abs(r.derivatives().v), _NEARLY_ALL) for r in records)
-        return _SLOWEST * step / dt, _FASTER * float(fast)
+        fast = max(np.quantile(np.abs(r.derivatives().v), _FAST_QUANTILE) for r in records)
+        return _MIN_SPEED * step / dt, _MAX_SPEED_RATIO * float(fast)
     return -math.inf, math.inf
 
 

@@ -13,11 +13,18 @@ from dryfric_control.diagnosis.criterion import evidence, prior_of
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.diagnosis.search import Model, Search
-from dryfric_control.diagnosis.thresholds import CLEAR, EQUAL, LEAST, NOTABLE, RIGHT, SAME
-from dryfric_control.estimation.likelihood import BASE, BOLD
+from dryfric_control.diagnosis.thresholds import (
+    EQUAL_EVIDENCE,
+    MAX_RIGHT_ERROR,
+    MAX_SAME_RESIDUAL,
+    MIN_EVIDENCE,
+    MIN_FORCE_TO_NOISE_RATIO,
+    MIN_STANDARD_ERRORS,
+)
+from dryfric_control.estimation.likelihood import BASE, BASE_LOG_DEVIATION
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.random_force import long_run
-from dryfric_control.estimation.scoring import FEW, SOME
+from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FIRST_ITERATIONS
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import InputGain
@@ -26,11 +33,12 @@ from dryfric_control.model.effects.levels import carrying
 from dryfric_control.model.effects.naming import named, title_of
 from dryfric_control.text import rotary_words
 
-#: The effect that scales every force of the drive, and the one that is equivalent where the drive
-#: never brakes.
-GAIN, _LOAD = "input_gain", "load_dependence"
+#: The effect that scales every force of the drive.
+GAIN = "input_gain"
+# The effect that is equivalent to it where the drive never brakes.
+_LOAD = "load_dependence"
 # Ratio of standard error to value beyond which a record hardly determines a parameter.
-_HARDLY = 0.3
+_MAX_RELATIVE_ERROR = 0.3
 
 
 def cause_of(
@@ -71,7 +79,9 @@ def hardly_determined(axis: FrictionAxis, causes: Sequence[Cause]) -> list[str]:
             if kinds.get(name, {}).get("kind") in ("place", "angle"):
                 continue
             nominal = getattr(present.get(cause.effect), name, 0.0)
-            if not cause.standard_errors[name] <= _HARDLY * max(abs(value), abs(nominal)):
+            if not cause.standard_errors[name] <= _MAX_RELATIVE_ERROR * max(
+                abs(value), abs(nominal)
+            ):
                 # A base parameter and its cause may have the same name.
                 full = name if name == cause.effect else f"{cause.effect}.{name}"
                 messages.append(f"{full} is hardly determined by this record")
@@ -85,13 +95,38 @@ def causes_of(
     problem = search.problem
     errors, units = final.standard_errors(), {p.name: p.unit for p in final.problem.parameters}
     if problem.scale_open:
-        errors |= {n: math.hypot(errors[n], BOLD * abs(v)) for n, v in scaling_with_gain(final)}
+        errors |= {
+            n: math.hypot(errors[n], BASE_LOG_DEVIATION * abs(v))
+            for n, v in scaling_with_gain(final)
+        }
     fitted = {n: (v, errors[n], units.get(n, "")) for n, v in final.values().items()}
     # Motion depends only on the ratio of all forces to a gain: nothing separates it from errors of
     # base parameters that together scale the others, if none of them is known.
     gain_open = not problem.believed.effects and not {*problem.known, *problem.tolerance} & {*SLUGS}
     every = [SLUGS[n] for n in SLUGS if float(values_of(problem.believed, [n])[0]) > 0.0]
-    found = []
+    alternatives = {name: [*rivals.get(name, ())] for name in model.causes}
+    if GAIN in alternatives and gain_open:
+        alternatives[GAIN].append("+".join(every))
+    found = _effects_of(search, model, fitted, alternatives)
+    wrong = _wrong_base(search, model, final, fitted)
+    if GAIN in model.causes or not gain_open:
+        return found + wrong
+    _name_scales(search, model, final, wrong, every)
+    if len(wrong) == 1 and not model.causes:
+        # One wrong base parameter may be an effect that was not needed beside it.
+        others = [*wrong[0].alternatives, *_instead(search, final, wrong[0])]
+        return [replace(wrong[0], alternatives=tuple(others))]
+    return found + wrong
+
+
+def _effects_of(
+    search: Search,
+    model: Model,
+    fitted: Mapping[str, tuple[float, float, str]],
+    alternatives: Mapping[str, Sequence[str]],
+) -> list[Cause]:
+    """The effects of a model as causes, those with most evidence first."""
+    problem, found = search.problem, []
     for name in sorted(model.causes, key=lambda n: -model.worth.get(n, 0.0)):
         own = {n.partition(".")[2]: n for n in model.own(name) if n in fitted}
         less, fall = model.less.get(name), np.zeros(1)
@@ -100,24 +135,24 @@ def causes_of(
         fall = fall[np.isfinite(fall)]
         size = 2.0 / problem.samples
         gain = size * float(fall.sum()), size * float(np.std(fall) * math.sqrt(fall.size))
-        others = [*rivals.get(name, ()), *["+".join(every)] * (name == GAIN and gain_open)]
-        found.append(cause_of(problem.believed, name, own, fitted, gain, others))
-    wrong = _wrong_base(search, model, final, fitted)
-    if GAIN in model.causes or not gain_open:
-        return found + wrong
+        found.append(cause_of(problem.believed, name, own, fitted, gain, alternatives[name]))
+    return found
+
+
+def _name_scales(
+    search: Search, model: Model, final: Solution, wrong: list[Cause], every: Sequence[str]
+) -> None:
+    """Name a gain of the drive as an alternative of base parameters that are all wrong.
+
+    A scale brings one of them back to nominal; a value of zero cannot be scaled.
+    """
     slugs = [cause.effect for cause in wrong]
     for i, cause in enumerate(wrong):
-        # A scale brings one of them back to nominal; a value of zero cannot be scaled.
         if {*every} <= {*slugs} and cause.effect in every and all(cause.parameters.values()):
-            alike = _load_does_the_same(problem, model, final, *cause.parameters)
-            rest = [c.effect for c in wrong if _apart(problem, c, cause)]
+            alike = _load_does_the_same(search.problem, model, final, *cause.parameters)
+            rest = [c.effect for c in wrong if _apart(search.problem, c, cause)]
             scales = ["+".join([one, *rest]) for one in (GAIN, _LOAD)[: 1 + alike]]
             wrong[i] = replace(cause, alternatives=(*cause.alternatives, *scales))
-    if len(wrong) == 1 and not model.causes:
-        # One wrong base parameter may be an effect that was not needed beside it.
-        others = [*wrong[0].alternatives, *_instead(search, final, wrong[0])]
-        return [replace(wrong[0], alternatives=tuple(others))]
-    return found + wrong
 
 
 def scaling_with_gain(fit: Solution) -> list[tuple[str, float]]:
@@ -142,9 +177,9 @@ def _wrong_base(
         effect, _, part = name.partition(".")
         change = value - nominal
         if (
-            abs(change) <= RIGHT * abs(nominal)
-            or abs(change) < CLEAR * spread
-            or abs(change) * _size(search, name) < NOTABLE * final.random_force()
+            abs(change) <= MAX_RIGHT_ERROR * abs(nominal)
+            or abs(change) < MIN_STANDARD_ERRORS * spread
+            or abs(change) * _size(search, name) < MIN_FORCE_TO_NOISE_RATIO * final.random_force()
             or (part and effect in model.causes)
         ):
             continue
@@ -166,7 +201,9 @@ def _apart(problem: Problem, *two: Cause) -> bool:
         unit = problem.nominal.get(name) or 1e-300
         ratios.append(value / unit)
         errors.append(cause.standard_errors[name] / unit)
-    return abs(ratios[0] - ratios[1]) > max(RIGHT, CLEAR * math.hypot(*errors))
+    return abs(ratios[0] - ratios[1]) > max(
+        MAX_RIGHT_ERROR, MIN_STANDARD_ERRORS * math.hypot(*errors)
+    )
 
 
 def _instead(search: Search, final: Solution, cause: Cause) -> tuple[str, ...]:
@@ -176,7 +213,7 @@ def _instead(search: Search, final: Solution, cause: Cause) -> tuple[str, ...]:
     among = other.rivals_of_base(final)
     rows = other.round(Model(other.alone()), final, among) if among else []
     alone = (row for row in rows if len(row.names) == 1 and not row.reason)
-    return tuple(row.names[0] for row in alone if row.fit.cost < final.cost + EQUAL)
+    return tuple(row.names[0] for row in alone if row.fit.cost < final.cost + EQUAL_EVIDENCE)
 
 
 def _load_does_the_same(problem: Problem, model: Model, final: Solution, held: str) -> bool:
@@ -195,9 +232,11 @@ def _load_does_the_same(problem: Problem, model: Model, final: Solution, held: s
     axis = axis.replace(effects=(*axis.effects, REGISTRY[_LOAD](**{"coefficient": 1.0 - scale})))
     base = [n for n in problem.base if n != held]
     free = (*problem.free_of(final), f"{_LOAD}.coefficient")
-    fit = problem.fit(axis, free, noises_of(final), SOME, base=base, each=each_of(final))
+    fit = problem.fit(
+        axis, free, noises_of(final), COMPARISON_ITERATIONS, base=base, each=each_of(final)
+    )
     costs = [one.cost - prior_of(one) for one in (fit, final)]
-    return costs[0] < costs[1] + EQUAL
+    return costs[0] < costs[1] + EQUAL_EVIDENCE
 
 
 def _size(search: Search, name: str) -> float:
@@ -227,10 +266,16 @@ def varying(
             base = [n for n in BASE if n in names and (n in final.problem.names or n == name)]
             settings = {"base": base, "wonder": False, "each": each_of(now)}
             # Most parameters do not differ; a few iterations show it.
-            fit = one.fit(final.axis, free, noises_of(final), FEW, **settings)
+            fit = one.fit(final.axis, free, noises_of(final), FIRST_ITERATIONS, **settings)
             if now.cost - fit.cost + 3.0 * fit.promised < penalty:
                 continue
-            fit = one.fit(fit.axis, free, noises_of(fit), SOME, **settings | {"each": each_of(fit)})
+            fit = one.fit(
+                fit.axis,
+                free,
+                noises_of(fit),
+                COMPARISON_ITERATIONS,
+                **settings | {"each": each_of(fit)},
+            )
             worth = evidence(now, fit, [penalty])
             if worth > (best[0] if best else 0.0) and _separate(now, fit):
                 best = worth, name, fit
@@ -252,7 +297,7 @@ def _separate(less: Solution, more: Solution) -> bool:
     new = [n for n in after if "@" in n and n not in before]
     differ = float(np.ptp([values[n] for n in new]))
     known = all(after[n] < 2.0 * before[n] for n in before if "@" in n)
-    return known and all(CLEAR * after[n] < differ for n in new)
+    return known and all(MIN_STANDARD_ERRORS * after[n] < differ for n in new)
 
 
 def changing(search: Search, model: Model, final: Solution) -> str:
@@ -270,7 +315,10 @@ def changing(search: Search, model: Model, final: Solution) -> str:
     gains = {name: final.cost - fit.cost for name, fit in halves.items()}
     apart = (
         gains[name]
-        > max(long_run(halves[name]) * (LEAST + len(own[name])), (0.5 * SAME) ** 2 * fall)
+        > max(
+            long_run(halves[name]) * (MIN_EVIDENCE + len(own[name])),
+            (0.5 * MAX_SAME_RESIDUAL) ** 2 * fall,
+        )
         for name, fall in falls.items()
     )
     return max(filter(None, own), key=gains.__getitem__) if any(apart) else ""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.diagnosis.thresholds import LEAST
+from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
 from dryfric_control.estimation.random_force import long_run
 from dryfric_control.estimation.solution import Solution
 
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 def evidence(less: Solution, more: Solution, odds: Sequence[float] = (0.0,)) -> float:
     """Log-likelihood of held-out data that `more` gains over `less`, net of its assumptions.
 
-    Blocks are predicted with parameters fitted without their half.  Each cause costs LEAST
+    Blocks are predicted with parameters fitted without their half.  Each cause costs MIN_EVIDENCE
     and the logarithm of the number of shapes that were searched, of which held-out data know
     nothing; wrong base parameters cost by their prior.  Coloured innovations count as fewer.
     No cause gains more on data that its parameters have not seen than on those that they have.
@@ -28,7 +28,7 @@ def evidence(less: Solution, more: Solution, odds: Sequence[float] = (0.0,)) -> 
         return math.inf
     prior = prior_of(less) - prior_of(more)
     seen = less.cost - more.cost - prior
-    costs = sum(LEAST + one for one in odds)
+    costs = sum(MIN_EVIDENCE + one for one in odds)
     if seen + prior <= costs:
         return seen + prior - costs
     fall = less.held_out() - more.held_out()

@@ -7,7 +7,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,27 +20,33 @@ from dryfric_control.diagnosis.candidates import SLUGS
 from dryfric_control.diagnosis.causes import causes_of, changing, hardly_determined, rival, varying
 from dryfric_control.diagnosis.criterion import evidence
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
-from dryfric_control.diagnosis.inputs import as_recorded, imposed, led, moving, quieter
+from dryfric_control.diagnosis.inputs import (
+    as_recorded,
+    denoised_inputs,
+    imposed,
+    moving,
+    with_input_lead,
+)
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.remaining import Remaining, remaining
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import LATE
 from dryfric_control.diagnosis.search import Model, Search
 from dryfric_control.diagnosis.thresholds import (
-    AHEAD,
-    ANSWER,
-    ENOUGH,
-    LEAST_WINDOWS,
-    MOST_LEFT,
-    RIVALS,
-    SOONEST,
-    WINDOW,
+    ANSWER_TIME_FRACTION,
+    CONVERGED_GAIN,
+    FREE_RUN_LENGTH,
+    MAX_EXPERIMENT_ALTERNATIVES,
+    MAX_UNEXPLAINED_FRACTION,
+    MIN_VISIBLE_DELAY,
+    MIN_WINDOWS,
+    REMAINING_GAIN_RATIO,
 )
 from dryfric_control.diagnosis.verdict import Judged, judged, shows
 from dryfric_control.estimation.likelihood import prepare
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge
 from dryfric_control.estimation.plausibility import checked_records, warn_if_implausible
-from dryfric_control.estimation.scoring import LAST, SOME
+from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FINAL_ITERATIONS
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut, shifted
 from dryfric_control.model.axis import FrictionAxis
@@ -198,7 +204,7 @@ def diagnose(
     windows = []
     for i, one in enumerate(records):
         name = f"record[{i}]" if several else "record"
-        windows.append(_cut(axis, one, window, hold, name, LEAST_WINDOWS // len(records)))
+        windows.append(_cut(axis, one, window, hold, name, MIN_WINDOWS // len(records)))
     _check_motion(windows, several)
     with ProgressLine("diagnose", progress) as line:
 
@@ -210,7 +216,7 @@ def diagnose(
         problem = Problem(
             axis, tuple(prepare(r, mass=axis.mass) for r in records), known, tolerance,
             hold=hold, jobs=jobs,
-            until=begun + (1.0 - ANSWER) * limit, windows=tuple(windows),
+            until=begun + (1.0 - ANSWER_TIME_FRACTION) * limit, windows=tuple(windows),
         )  # fmt: skip
         # Candidates are fitted in parallel: threads of the linear algebra would only wait.
         with threadpool_limits(1, user_api="blas"):
@@ -229,134 +235,212 @@ def _diagnosed(
     tell("base parameters")
     search, model, interrupted = _search(problem, tell)
     late = search.problem.late
-    rest = (search, model, problem.runs, records, windows, window, tell, end, late)
+    message = [_INTERRUPTED] if interrupted else [LATE] if late else []
+    answer = functools.partial(
+        _Answer, search, model, problem.runs, records, windows, window, tell, end
+    )
     try:
-        return _answered(*rest, interrupted)
+        return answer(message).diagnosis()
     except KeyboardInterrupt:
-        return _answered(*rest, True)
+        return answer([_INTERRUPTED]).diagnosis()
 
 
-def _answered(
-    search: Search,
-    model: Model,
-    recorded: Sequence[Any],
-    records: list[Record],
-    windows: list[Windows],
-    window: float,
-    tell: Callable[..., None],
-    end: float,
-    late: bool,
-    interrupted: bool,
-) -> Diagnosis:
-    """Judge what a model explains and describe it; only what is needed if interrupted or late."""
-    problem, unit = search.problem, search.problem.believed.units[1]
-    references = {"nominal axis": problem.nominal_fit.cost}
-    if not problem.imposed:
-        references["straight line"] = problem.straight_line.cost
-    problem = search.problem = replace(problem, until=end)
-    tell("all data", model.causes)
-    final = model.fit
-    if not (interrupted or late or final.promised < ENOUGH):
-        final = problem.fit(
-            final.axis, problem.free_of(final), noises_of(final), LAST, each=each_of(final)
+@dataclass(eq=False)
+class _Answer:
+    """The steps from the model that a search has found to a diagnosis.
+
+    With a message from the search, which has then not finished, only the steps that are needed.
+    """
+
+    search: Search
+    model: Model
+    recorded: Sequence[Any]  # the runs with their inputs as recorded
+    records: list[Record]
+    windows: list[Windows]
+    window: float  # length of the free runs [s]
+    tell: Callable[..., None]
+    end: float  # reading of `time.monotonic` at which fits end
+    messages: list[str]
+    varies: dict[str, dict[str, list[float]]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.finished = not self.messages
+
+    @property
+    def problem(self) -> Problem:
+        """The problem of the search, as it is now."""
+        return self.search.problem
+
+    def diagnosis(self) -> Diagnosis:
+        """Judge what the model explains and describe it."""
+        references = _reference_costs(self.problem)
+        self.search.problem = replace(self.problem, until=self.end)
+        self.tell("all data", self.model.causes)
+        final = self.law = self._final_fit()
+        self._shift_records(final)
+        rivals = self.search.alternatives(self.model)
+        self.causes = causes_of(self.search, self.model, final, rivals)
+        self.tell("replays", self.model.causes)
+        self._judge(final)
+        if not (self.causes or self.problem.own):
+            final = self._nominal_fit(final)
+        better = [name for name, cost in references.items() if cost < final.cost]
+        if self.found.worse:
+            better.append("free runs of the nominal axis")
+        if self.causes and self._reject(better):
+            final = self._without_causes(final)
+        if self.finished:
+            self._compare_records(final)
+        changes = self._changes()
+        if "straight line" in better:
+            self.messages.append(_LINE)
+        self.messages += self._remarks(final)
+        experiment = None
+        if self.finished:
+            self.tell("next experiment", self.model.causes)
+            experiment = _experiment(
+                self.problem, self.model, final, rivals, self.causes, self.records[0]
+            )
+        causes = [*self.causes, *self.varies]
+        search, samples = self.search, self.problem.samples
+        return Diagnosis(
+            axis=self.problem.believed,
+            record=self.records[0],
+            verdict=_verdict(self.found, causes, final, self.finished, changes),
+            causes=tuple(self.causes),
+            extended=final.axis,
+            gain=self.found.gain,
+            unexplained=self.found.left,
+            next_experiment=experiment,
+            messages=(*self.messages, *_left_out(self.records)),
+            scores={k: -2.0 * v / samples for k, v in search.first.items()} | {"": 0.0},
+            window=self.window,
+            hold=self.problem.hold,
+            roles=self.heard.unseen(0)[1][self.windows[0].edges[:-1]],
+            remaining=self._remaining(),
+            references={name: cost - final.cost for name, cost in references.items()},
+            varies=self.varies,
+            others=tuple(self.records[1:]),
+            not_tried=dict(search.not_tried),
+            standard_errors=final.standard_errors(),
         )
-        final = min(final, model.fit, key=lambda s: s.cost)
-    messages = [_INTERRUPTED] if interrupted else [LATE] if late else []
-    shift = final.values().get(SHIFT, 0.0)
-    if problem.shift is not None and shift > -SOONEST * problem.scales.step:
-        problem = search.problem = replace(problem, shift=None)
-        final = problem.fit(
-            final.axis, problem.free_of(final), noises_of(final), SOME, each=each_of(final)
-        )
-    if problem.shift is not None:
+
+    def _final_fit(self) -> Solution:
+        """The model fitted to all data; without a lead of the input that is too short to be one."""
+        problem, final = self.problem, self.model.fit
+        if self.finished and not final.promised < CONVERGED_GAIN:
+            final = _refit(problem, final, FINAL_ITERATIONS)
+            final = min(final, self.model.fit, key=lambda s: s.cost)
+        shift = final.values().get(SHIFT, 0.0)
+        if problem.shift is not None and shift > -MIN_VISIBLE_DELAY * problem.scales.step:
+            problem = self.search.problem = replace(problem, shift=None)
+            final = _refit(problem, final, COMPARISON_ITERATIONS)
+        return final
+
+    def _shift_records(self, final: Solution) -> None:
+        """Shift the inputs of the records by the lead that was found, if any."""
+        if self.problem.shift is None:
+            return
+        shift = final.values().get(SHIFT, 0.0)
         early = length_text(-shift, "s")
-        messages.append(
+        self.messages.append(
             f"the recorded input acts {early} before its time stamp: d.record has it shifted"
         )
-        records = [r.replace(u=shifted(r.u, shift / r.dt)) for r in records]
-        windows = [cut(r, window, problem.hold) for r in records]
-    rivals = search.alternatives(model)
-    causes = causes_of(search, model, final, rivals)
-    tell("replays", model.causes)
-    heard = as_recorded(final, recorded)
-    found = judged(problem, windows, heard)
-    law = final
-    if not (causes or problem.own):
-        final = problem.reference(problem.believed, noises=noises_of(final))
-    better = [name for name, cost in references.items() if cost < final.cost]
-    if found.worse:
-        better.append("free runs of the nominal axis")
-    little = found.left.significant and found.left.fraction > MOST_LEFT
-    if (better or little) and causes:
+        self.records = [r.replace(u=shifted(r.u, shift / r.dt)) for r in self.records]
+        self.windows = [cut(r, self.window, self.problem.hold) for r in self.records]
+
+    def _judge(self, fit: Solution) -> None:
+        """Measure what a fit explains, on the inputs as recorded."""
+        self.heard = as_recorded(fit, self.recorded)
+        self.found = judged(self.problem, self.windows, self.heard)
+
+    def _nominal_fit(self, final: Solution) -> Solution:
+        """The nominal axis with its noises fitted."""
+        return self.problem.reference(self.problem.believed, noises=noises_of(final))
+
+    def _reject(self, better: Sequence[str]) -> bool:
+        """Whether the causes explain too little to be reported, with a message if so."""
+        left = self.found.left
         if better:
-            messages.append(f"not better than {' and '.join(better)}: no causes are reported")
+            text = f"not better than {' and '.join(better)}: no causes are reported"
+        elif left.significant and left.fraction > MAX_UNEXPLAINED_FRACTION:
+            names = ", ".join(cause.title for cause in self.causes)
+            text = _LITTLE.format(percent(left.fraction), names)
         else:
-            names = ", ".join(cause.title for cause in causes)
-            messages.append(_LITTLE.format(percent(found.left.fraction), names))
-        causes, model = [], Model(model.fit)
-        law = final = problem.reference(problem.believed, noises=noises_of(final))
-        heard = as_recorded(final, recorded)
-        found = judged(problem, windows, heard)
-        found = found._replace(left=replace(found.left, significant=True))
-    varies: dict[str, dict[str, list[float]]] = {}
-    if len(records) > 1 and not (late or interrupted):
-        tell("differences between the records", model.causes)
-        varies, apart = varying(problem, final)
-        if varies:
-            law, heard = apart, as_recorded(apart, recorded)
-            found = judged(problem, windows, heard)
-    changes = "" if late or interrupted else changing(search, model, law)
-    if changes:
-        messages.append(_CHANGES.format(title_of(SLUGS.get(changes, changes))))
-    if "straight line" in better:
-        messages.append(_LINE)
-    messages += [
-        f"{name} ended at a bound: the model does not fit, or the records do not determine it"
-        for name in final.at_bound
-    ]
-    messages += hardly_determined(problem.believed, causes)
-    if found.muted:
-        messages.append(_MUTED)
-    if problem.scale_open:
-        messages.append(_RATIOS)
-    if problem.imposed:
-        messages += [_IMPOSED] + [_ONE_VELOCITY] * problem.steady
-    taken = math.sqrt(
-        np.mean(
-            np.concatenate([a.u - b.u for a, b in zip(recorded, problem.runs, strict=True)]) ** 2
-        )
-    )
-    if taken > 0.0:
-        messages.append(f"noise of {taken:.2g} {unit} RMS was recorded with the input "
-                        "and does not act on the axis: it was taken off")  # fmt: skip
-    experiment = None
-    if not (late or interrupted):
-        tell("next experiment", model.causes)
-        experiment = _experiment(problem, model, final, rivals, causes, records[0])
-    finished = not (late or interrupted)
-    return Diagnosis(
-        axis=problem.believed,
-        record=records[0],
-        verdict=_verdict(found, [*causes, *varies], final, finished, changes),
-        causes=tuple(causes),
-        extended=final.axis,
-        gain=found.gain,
-        unexplained=found.left,
-        next_experiment=experiment,
-        messages=(*messages, *_left_out(records)),
-        scores={k: -2.0 * v / problem.samples for k, v in search.first.items()} | {"": 0.0},
-        window=window,
-        hold=problem.hold,
-        roles=heard.unseen(0)[1][windows[0].edges[:-1]],
-        remaining=remaining(heard, found.left.significant, found.left.where, unit)
-        if found.left.significant or shows(problem, heard)
-        else Remaining(unit=unit),
-        references={name: cost - final.cost for name, cost in references.items()},
-        varies=varies,
-        others=tuple(records[1:]),
-        not_tried=dict(search.not_tried),
-        standard_errors=final.standard_errors(),
-    )
+            return False
+        self.messages.append(text)
+        return True
+
+    def _without_causes(self, final: Solution) -> Solution:
+        """The nominal axis in place of the model, judged as one that leaves something."""
+        self.causes, self.model = [], Model(self.model.fit)
+        final = self.law = self._nominal_fit(final)
+        self._judge(final)
+        left = replace(self.found.left, significant=True)
+        self.found = self.found._replace(left=left)
+        return final
+
+    def _compare_records(self, final: Solution) -> None:
+        """Find the parameters that differ between several records."""
+        if len(self.records) < 2:
+            return
+        self.tell("differences between the records", self.model.causes)
+        self.varies, apart = varying(self.problem, final)
+        if self.varies:
+            self.law = apart
+            self._judge(apart)
+
+    def _changes(self) -> str:
+        """What changes within the records, with a message; empty if nothing does."""
+        changes = changing(self.search, self.model, self.law) if self.finished else ""
+        if changes:
+            self.messages.append(_CHANGES.format(title_of(SLUGS.get(changes, changes))))
+        return changes
+
+    def _remarks(self, final: Solution) -> list[str]:
+        """Messages about what limits the answer."""
+        problem = self.problem
+        found = [
+            f"{name} ended at a bound: the model does not fit, or the records do not determine it"
+            for name in final.at_bound
+        ]
+        found += hardly_determined(problem.believed, self.causes)
+        if self.found.muted:
+            found.append(_MUTED)
+        if problem.scale_open:
+            found.append(_RATIOS)
+        if problem.imposed:
+            found += [_IMPOSED] + [_ONE_VELOCITY] * problem.steady
+        pairs = zip(self.recorded, problem.runs, strict=True)
+        noise = math.sqrt(np.mean(np.concatenate([a.u - b.u for a, b in pairs]) ** 2))
+        if noise > 0.0:
+            unit = problem.believed.units[1]
+            found.append(
+                f"noise of {noise:.2g} {unit} RMS was recorded with the input "
+                "and does not act on the axis: it was taken off"
+            )
+        return found
+
+    def _remaining(self) -> Remaining:
+        """The random force that is left, if free runs show one."""
+        left, unit = self.found.left, self.problem.believed.units[1]
+        if left.significant or shows(self.problem, self.heard):
+            return remaining(self.heard, left.significant, left.where, unit)
+        return Remaining(unit=unit)
+
+
+def _reference_costs(problem: Problem) -> dict[str, float]:
+    """Costs of the models that an answer must beat."""
+    costs = {"nominal axis": problem.nominal_fit.cost}
+    if not problem.imposed:
+        costs["straight line"] = problem.straight_line.cost
+    return costs
+
+
+def _refit(problem: Problem, fit: Solution, iterations: int) -> Solution:
+    """The same model fitted on in a problem."""
+    free = problem.free_of(fit)
+    return problem.fit(fit.axis, free, noises_of(fit), iterations, each=each_of(fit))
 
 
 def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model, bool]:
@@ -370,9 +454,9 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
             return *found, False
         begun = search.alone()
         # The least smoothing: a smoother input may hide that it does not cause the motion.
-        problem = search.problem = quieter(problem, recorded, begun, most=False)
+        problem = search.problem = denoised_inputs(problem, recorded, begun, most=False)
         if problem.runs is not recorded:
-            begun = problem.fit(begun.axis, noises=noises_of(begun), turns=SOME)
+            begun = problem.fit(begun.axis, noises=noises_of(begun), turns=COMPARISON_ITERATIONS)
         search.now = Model(begun)
         if begun.cost > problem.straight_line.cost:
             found = _by_force(search, begun)
@@ -380,7 +464,9 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
                 return *found, False
         first = search.best(Model(begun))
         fall = 0.0 if first is None else begun.cost - first.fit.cost
-        early = led(problem, begun) if AHEAD * search.early > fall else None
+        early = (
+            with_input_lead(problem, begun) if REMAINING_GAIN_RATIO * search.early > fall else None
+        )
         if early is not None and (first is None or evidence(first.fit, early[1], ()) > 0.0):
             problem, begun = early
             search = Search(problem, tell, now=Model(begun))
@@ -405,10 +491,10 @@ def _force_first(search: Search, recorded: Sequence[Any]) -> tuple[Search, Model
         found = moving(problem, found.fit, found) or found
     if not found.causes or found.fit.cost > problem.straight_line.cost:
         return None
-    problem = search.problem = quieter(problem, recorded, found.fit, most=True)
+    problem = search.problem = denoised_inputs(problem, recorded, found.fit, most=True)
     fit = found.fit
     if any(a.u is not b.u for a, b in zip(recorded, problem.runs, strict=True)):
-        fit = problem.fit(fit.axis, problem.free_of(fit), noises_of(fit), SOME, each=each_of(fit))
+        fit = _refit(problem, fit, COMPARISON_ITERATIONS)
     search.now = Model(fit, found.causes)
     model = search.run(search.pruned(search.now))
     again = _reconsidered(search, model, recorded)
@@ -445,17 +531,17 @@ def _reconsidered(
     problem = search.problem
     if problem.late:
         return None
-    other = quieter(problem, recorded, model.fit, most=True)
+    other = denoised_inputs(problem, recorded, model.fit, most=True)
     fit = model.fit
     if any(a.u is not b.u for a, b in zip(other.runs, problem.runs, strict=True)):
-        fit = other.fit(fit.axis, other.free_of(fit), noises_of(fit), SOME, each=each_of(fit))
+        fit = _refit(other, fit, COMPARISON_ITERATIONS)
     if problem.shift is None:
-        early = led(other, fit) if search.early > 0.0 else None
+        early = with_input_lead(other, fit) if search.early > 0.0 else None
         other, fit = early if early is not None else (other, fit)
     else:
         less = replace(other, shift=None)
-        alone = less.fit(fit.axis, less.free_of(fit), noises_of(fit), SOME, each=each_of(fit))
-        if led(less, alone) is None:
+        alone = _refit(less, fit, COMPARISON_ITERATIONS)
+        if with_input_lead(less, alone) is None:
             other, fit = less, alone
     if fit is model.fit:
         return None
@@ -491,7 +577,7 @@ def _experiment(
     if doubtful is None:
         other = rival(final.axis, problem.believed, causes)
         return other and next_experiment(final.axis, other[:1], record, names=other[1:])
-    some = dict(list(rivals[doubtful].items())[:RIVALS])
+    some = dict(list(rivals[doubtful].items())[:MAX_EXPERIMENT_ALTERNATIVES])
     axes = [fit.axis for fit in some.values()]
     return next_experiment(final.axis, axes, record, names=[doubtful, *some])
 
@@ -505,8 +591,8 @@ def _window(axis: FrictionAxis, records: Sequence[Record]) -> float:
     noise = max(max(r.noise, (r.quantum or 0.0) / math.sqrt(12.0)) for r in records)
     force = max(axis.coulomb.mean, 1e-3 * float(np.std(records[0].u)), 1e-300)
     needed = math.sqrt(12.0 * math.sqrt(5.0) * 3.0 * noise * axis.mass / force)
-    shortest = min(r.duration for r in records) / LEAST_WINDOWS
-    return min(max(WINDOW, needed), max(shortest, WINDOW))
+    shortest = min(r.duration for r in records) / MIN_WINDOWS
+    return min(max(FREE_RUN_LENGTH, needed), max(shortest, FREE_RUN_LENGTH))
 
 
 def _cut(

@@ -28,12 +28,15 @@ _LONGEST_LAG = 0.5
 _BINS = 40
 # A place is named if the probability of that many bad windows there by chance is below
 # this: over all ranges tried, about 1 in 100 for randomly spread bad windows.
-_SURE = 1e-4
-# The fraction of bad windows there must also be at least _SHARE and _TIMES that elsewhere.
-_SHARE, _TIMES = 0.3, 3.0
+_MAX_CHANCE = 1e-4
+# Fraction of bad windows at a place from which it is named.
+_MIN_BAD_FRACTION = 0.3
+# The same over the fraction of bad windows elsewhere.
+_MIN_BAD_RATIO = 3.0
 # Fraction of a window's samples that must lie in a speed range for the window to count.
-_THERE = 0.3
-_MOST_PLACES = 3
+_MIN_SAMPLE_FRACTION = 0.3
+# Number of places that are named.
+_MAX_PLACES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -453,7 +456,11 @@ def _clearest(places: list[_Place], judged: BoolArray, bad: BoolArray) -> tuple[
     chance = hypergeom.sf(hits - 1, total, count, size)
     share = hits / np.maximum(size, 1)
     elsewhere = (count - hits) / np.maximum(total - size, 1)
-    clear = (chance < _SURE) & (share >= _SHARE) & (share >= _TIMES * elsewhere)
+    clear = (
+        (chance < _MAX_CHANCE)
+        & (share >= _MIN_BAD_FRACTION)
+        & (share >= _MIN_BAD_RATIO * elsewhere)
+    )
     order = np.flatnonzero(clear)
     for key in (np.array([place.width for place in places]), chance):
         order = order[ranked(key[order])]
@@ -468,7 +475,7 @@ def _clearest(places: list[_Place], judged: BoolArray, bad: BoolArray) -> tuple[
             f"{places[i].words} ({hits[i]} of {size[i]} windows there, "
             f"{others} of {total - size[i]} elsewhere)",
         )
-    return tuple(named.values())[:_MOST_PLACES]
+    return tuple(named.values())[:_MAX_PLACES]
 
 
 def _places(windows: Windows, unit: str) -> Iterator[_Place]:
@@ -489,7 +496,7 @@ def _places(windows: Windows, unit: str) -> Iterator[_Place]:
         there = (high > a) & (low < b) & (part(sliding) > 0.0)
         yield _Place("position", words, there, width)
     for a, b, words, width in _ranges(speed[sliding], "|v|", f"{unit}/s"):
-        there = part(sliding & (speed >= a) & (speed <= b)) > _THERE
+        there = part(sliding & (speed >= a) & (speed <= b)) > _MIN_SAMPLE_FRACTION
         yield _Place("speed", words, there, width)
     times = record.t[starts]
     for a, b, words, width in _ranges(np.append(times, record.t[-1] + record.dt), "t", "s"):

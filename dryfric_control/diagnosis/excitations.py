@@ -17,12 +17,16 @@ from dryfric_control.ties import samples
 # Reference, and feed-forward force where there is any.
 Motion = Floats | tuple[Floats, Floats]
 
-# Length of an experiment [s], and largest number of simulated samples.
-_DURATION, _MOST_SAMPLES = 8.0, 16_000
+# Length of an experiment [s].
+_DURATION = 8.0
+# Largest number of simulated samples.
+_MAX_SAMPLES = 16_000
 # Fraction of the travel that motions keep free at each end.
 _MARGIN = 0.08
-# Ratio of the clamped-on mass to that of the axis, and of the known force to the Coulomb level.
-_ADDED_MASS, _KNOWN_FORCE = 0.5, 0.5
+# Clamped-on mass over the mass of the axis.
+_ADDED_MASS = 0.5
+# Known force over the Coulomb level.
+_KNOWN_FORCE = 0.5
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ class Stage:
     def __init__(self, axis: FrictionAxis, limits: Limits, dt: float) -> None:
         (low, high), drive = limits.travel, limits.drive
         self.limits, self.axis = limits, axis.effective()
-        self.t = np.asarray(dt * np.arange(min(samples(_DURATION, dt), _MOST_SAMPLES)))
+        self.t = np.asarray(dt * np.arange(min(samples(_DURATION, dt), _MAX_SAMPLES)))
         self.duration = float(self.t[-1])
         self.middle = 0.5 * (low + high)
         self.reach = (0.5 - _MARGIN) * (high - low)  # largest distance from the middle

@@ -26,8 +26,10 @@ from dryfric_control.units import check_units
 
 # Mean of log(1 + (error/quantum)^2) over the windows, the largest left out (one mistimed
 # breakaway is no evidence), from which hypotheses differ: about two windows in thirty off
-# by five quanta; RMS error in quanta up to which they cannot be separated.
-_SEPARATE, _SEEN = 0.1, 1.0
+# by five quanta.
+_MIN_SCORE = 0.1
+# RMS error [quanta] up to which hypotheses cannot be separated.
+_MIN_RMS_QUANTA = 1.0
 _none = functools.partial(np.empty, 0)
 
 
@@ -276,7 +278,7 @@ class Distance(NamedTuple):
     @property
     def separate(self) -> bool:
         """Whether that is enough to separate them."""
-        return self.part > _SEPARATE and self.rms > _SEEN
+        return self.part > _MIN_SCORE and self.rms > _MIN_RMS_QUANTA
 
 
 def _worth(pairs: Sequence[Distance]) -> float:
@@ -298,7 +300,7 @@ def _distances(
             trial = one.trials[truth]
             if not refits:
                 squares = mean_squares(trial.errors(one.axes[other]))
-            elif worst.part > _SEPARATE:
+            elif worst.part > _MIN_SCORE:
                 squares = refits[other].best(one, trial)
             else:
                 break

@@ -17,7 +17,7 @@ import numpy as np
 from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem
-from dryfric_control.estimation.likelihood import BOLD
+from dryfric_control.estimation.likelihood import BASE_LOG_DEVIATION
 from dryfric_control.estimation.parameters import SHIFT, values_of, with_values
 from dryfric_control.estimation.smoothed_motion import drive_at_the_mass, known_force, missing_force
 from dryfric_control.model.axis import FrictionAxis
@@ -93,7 +93,7 @@ class ForceView(ModelView):
     def _set_scale(self) -> None:
         """The unit of the residual: what the base leaves; and the number of independent samples."""
         columns = self._smoothed(self.base_forces(self.problem.base) or [np.zeros(self.x.size)])
-        ridge = np.eye(columns.shape[1]) / BOLD
+        ridge = np.eye(columns.shape[1]) / BASE_LOG_DEVIATION
         left, unit = self.y, max(float(np.std(self.y)), 1e-300)
         for _ in range(2):
             # The prior of the base counts in units of what is left, by its independent samples.

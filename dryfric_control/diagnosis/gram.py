@@ -14,25 +14,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.diagnosis.candidates import _SINGLE, effect_class, forms, held_by, with_effect
+from dryfric_control.diagnosis.candidates import (
+    EXCLUSIVE_ACTIONS,
+    effect_class,
+    forms,
+    held_by,
+    with_effect,
+)
 from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.model_view import CHANGED, ModelView
 from dryfric_control.diagnosis.problem import Problem, noises_of
 from dryfric_control.diagnosis.thresholds import (
-    CHANCE,
-    COINCIDE,
-    JOINT,
-    LOUDEST,
-    MOST,
-    NEIGHBOURS,
-    PROPOSALS,
-    QUIET,
-    QUIETEST,
-    SAME,
-    SAME_FORCE,
-    SETTLED,
+    MAX_CAUSES,
+    MAX_JOINED_CAUSES,
+    MAX_OTHER_SHAPES,
+    MAX_SAME_RESIDUAL,
+    MAX_SCREENING_FORCE,
+    MAX_SINGLE_PROPOSALS,
+    MIN_EXCHANGE_GAIN,
+    MIN_PREDICTED_GAIN,
+    MIN_SCREENING_FORCE,
+    NEGLIGIBLE_FORCE_RATIO,
+    NOISE_SCALE_ITERATIONS,
+    SCREENING_FORCE_FACTORS,
 )  # fmt: skip
-from dryfric_control.estimation.likelihood import BASE, BOLD, Likelihood, Point, doubted, wondered
+from dryfric_control.estimation.likelihood import (
+    BASE,
+    BASE_LOG_DEVIATION,
+    Likelihood,
+    Point,
+    joint_nominal_error_cost,
+    nominal_error_cost,
+)
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
@@ -52,22 +65,23 @@ FloatArray = NDArray[np.float64]
 #: Name of the columns of friction that builds up after reversals, which belong to no one effect.
 REVERSAL = "after reversal"
 
-# Largest change of an innovation by a simulated shape, in standard deviations, and bounds of the
-# change of a base parameter in the start of a fit.
-_FAR, _BASE = 30.0, (0.4, 2.5)
-# Columns whose responses are computed at once, and ridge of the normal equations.
-_AT_ONCE, _RIDGE = 32, 1e-9
+# Largest change of an innovation by a simulated shape [standard deviations].
+_MAX_INNOVATION_CHANGE = 30.0
+# Bounds of the factor of a base parameter in the start of a fit.
+_BASE_FACTOR_LIMITS = (0.4, 2.5)
+# Number of columns whose responses are computed at once.
+_COLUMN_BATCH = 32
+# Ridge of the normal equations, in their unit diagonal.
+_RIDGE = 1e-9
 # Part of the largest gain of a shape with a memory, in passes of the filter, that another one must
 # have to be fitted.
-_FAR_LESS = 0.3
+_MIN_GAIN_FRACTION = 0.3
 # Least ratio of the number of independent samples after to before for what takes from the drive.
-_WHITER = 0.8
+_MIN_INDEPENDENCE_RATIO = 0.8
 # Largest part of the drive that a cause in the drive may take.
-_HALF = 0.5
-# Part of a column that others must leave for it to be seen.
-_OPEN = 1e-3
+_MAX_DRIVE_FRACTION = 0.5
 # Size of a friction that is simulated beside bristles, in parts of the Coulomb level.
-_SECANT = 0.1
+_SECANT_SIZE = 0.1
 
 
 def _level(effect: type[Effect]) -> bool:
@@ -99,7 +113,7 @@ class Proposal:
     quieter: float = 1.0  # factor of the random force of that pass
 
 
-def raised(problem: Problem, fit: Solution) -> FloatArray:
+def screening_noises(problem: Problem, fit: Solution) -> FloatArray:
     """Noises of a fit with the random force within parts of the drive.
 
     With next to no random force a switch at another sample counts as an outlier and what acts
@@ -107,12 +121,14 @@ def raised(problem: Problem, fit: Solution) -> FloatArray:
     """
     z = noises_of(fit).copy()
     for i, run in enumerate(problem.runs):
-        low, high = (2.0 * math.log(part * run.drive) for part in (QUIETEST, LOUDEST))
+        low, high = (
+            2.0 * math.log(part * run.drive) for part in (MIN_SCREENING_FORCE, MAX_SCREENING_FORCE)
+        )
         z[2 * i] = min(max(z[2 * i], low), high)
     return z
 
 
-def scaled(noises: FloatArray, part: float) -> FloatArray:
+def with_force_factor(noises: FloatArray, part: float) -> FloatArray:
     """Noises with the random force of each record times a factor."""
     z = noises.copy()
     z[::2] += 2.0 * math.log(part)
@@ -124,7 +140,7 @@ def profiled(likelihood: Likelihood, point: Point) -> float:
     if not point.out:
         return math.inf
     pairs = zip(likelihood.runs, point.out, strict=True)
-    total = sum(compiled.profiled(out, run.active, SETTLED) for run, out in pairs)
+    total = sum(compiled.profiled(out, run.active, NOISE_SCALE_ITERATIONS) for run, out in pairs)
     return total if math.isfinite(total) else math.inf
 
 
@@ -147,7 +163,7 @@ class Gram:
 
     def __post_init__(self) -> None:
         problem, fit = self.problem, self.fit
-        self.noises = raised(problem, fit)
+        self.noises = screening_noises(problem, fit)
         z = np.concatenate((fit.z[: len(fit.problem.names)], self.noises))
         self.likelihood, self.z = self._rigid(fit.problem, z)
         self.here = here = self.view or Linearised(problem, self.likelihood, self.z)
@@ -188,7 +204,9 @@ class Gram:
         self.g, self.b = c.T @ c, -(c.T @ here.y)
         ridge = np.full(self.fixed, 1e-6)
         ridge[: len(self.base)] = [
-            problem.tolerance.get(n, BOLD) ** -2 if n in BASE and problem.nominal[n] > 0.0 else 1e-6
+            problem.tolerance.get(n, BASE_LOG_DEVIATION) ** -2
+            if n in BASE and problem.nominal[n] > 0.0
+            else 1e-6
             for n in self.base
         ]
         self._ridge = ridge / np.maximum(self.scale[: self.fixed] ** 2, 1e-300)
@@ -218,7 +236,7 @@ class Gram:
             return math.inf
         slides = self.here.direction != 0.0
         size = float(np.linalg.norm(one.column.force[0][slides]))
-        return _HALF * float(np.linalg.norm(self.here.u[slides])) / max(size, 1e-300)
+        return _MAX_DRIVE_FRACTION * float(np.linalg.norm(self.here.u[slides])) / max(size, 1e-300)
 
     def _rigid(self, likelihood: Likelihood, z: FloatArray) -> tuple[Likelihood, FloatArray]:
         """Where the pass is: two masses on a spring, which have no scalar gains, are one mass."""
@@ -270,7 +288,7 @@ class Gram:
                     found[name] = [*effect_class(name).columns(cast(View, self.here))]
                 # A level is no force while bristles bend: it is where their force ends.
                 if bends and _level(effect_class(name)):
-                    size = _SECANT * self.here.size
+                    size = _SECANT_SIZE * self.here.size
                     found[name] = [
                         secant(one, size) if len(one.force) == 1 else one for one in found[name]
                     ]
@@ -285,8 +303,8 @@ class Gram:
                 (name, one) for name, some in self._shapes.items() for one in some
                 if getattr(one, kind)
             ]  # fmt: skip
-            for k in range(0, len(waiting), _AT_ONCE):
-                some = waiting[k : k + _AT_ONCE]
+            for k in range(0, len(waiting), _COLUMN_BATCH):
+                some = waiting[k : k + _COLUMN_BATCH]
                 values = respond([a for _, one in some for a in getattr(one, kind)])
                 at = 0
                 for name, one in some:
@@ -315,7 +333,7 @@ class Gram:
                 here = profiled(likelihood, point) + likelihood.prior(z)
                 costs = (here, *self._costs(likelihood, self._parts[1:]))
                 gain = max(level - one for level, one in zip(levels, costs, strict=True))
-                return self.here.of_change(point, _FAR)[:, None], gain
+                return self.here.of_change(point, _MAX_INNOVATION_CHANGE)[:, None], gain
             except ValueError as problem:
                 self.fail(name, str(problem))
                 return None
@@ -333,13 +351,13 @@ class Gram:
     @property
     def _parts(self) -> tuple[float, ...]:
         """Factors of the random force: of an imposed motion, which no filter follows, one."""
-        return QUIET[:1] if self.problem.imposed else QUIET
+        return SCREENING_FORCE_FACTORS[:1] if self.problem.imposed else SCREENING_FORCE_FACTORS
 
     def _costs(self, likelihood: Likelihood, parts: Sequence[float]) -> list[float]:
         """Costs in one pass at factors of the random force, the size of all noises fitted."""
         costs = []
         for part in parts:
-            z = likelihood.start(noises=scaled(self.noises, part))
+            z = likelihood.start(noises=with_force_factor(self.noises, part))
             costs.append(profiled(likelihood, likelihood.tried(z)) + likelihood.prior(z))
         return costs
 
@@ -454,7 +472,10 @@ class Gram:
                 barred.add(one.items[g].name)
                 continue
             count = self.here.independent(new)
-            if one.most[one.items[g].at[0]] < math.inf and count < _WHITER * one.count:
+            if (
+                one.most[one.items[g].at[0]] < math.inf
+                and count < _MIN_INDEPENDENCE_RATIO * one.count
+            ):
                 # It mutes the drive and its noise: what is left has more structure than before.
                 barred.add(one.items[g].name)
                 continue
@@ -472,7 +493,7 @@ class Gram:
         now = self.gains([chosen])[0]
         for k in range(len(chosen) - 1):
             gain, g = self._best([*chosen[:k], *chosen[k + 1 :]], (REVERSAL,), barred)
-            if gain > now + COINCIDE:
+            if gain > now + MIN_EXCHANGE_GAIN:
                 chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
         return chosen
 
@@ -492,7 +513,7 @@ class Gram:
             if nominal[k] != 0.0 and n not in self.problem.tolerance
         ]  # fmt: skip
         there = self._now[counts] * (1.0 + c[..., counts]) / nominal[counts]
-        return np.asarray(doubted(wondered(there))[0])
+        return np.asarray(joint_nominal_error_cost(nominal_error_cost(there))[0])
 
     def early(self) -> float:
         """Predicted gain of a drive that acts before its time stamps, 0 if by chance."""
@@ -505,7 +526,7 @@ class Gram:
             return 0.0
         gains, c = self._solved(late, True, signed=False)
         most = float(np.where(c[:, self.fixed] < 0.0, gains - self.alone, -np.inf).max())
-        return most if most > CHANCE else 0.0
+        return most if most > MIN_PREDICTED_GAIN else 0.0
 
     @cached_property
     def alone(self) -> float:
@@ -517,7 +538,7 @@ class Gram:
     ) -> tuple[float, int]:
         """The effect's item with the largest gain beside chosen ones, or one of `also`."""
         names = {self.items[g].name for g in chosen}
-        actions = {effect_class(n).action for n in names - {REVERSAL}} & {*_SINGLE}
+        actions = {effect_class(n).action for n in names - {REVERSAL}} & {*EXCLUSIVE_ACTIONS}
         some = [
             g for g, one in enumerate(self.items)
             if one.name not in names and one.name not in barred
@@ -529,7 +550,9 @@ class Gram:
         top = max(gains, default=-math.inf)
         # Of equals the one with the fewest columns.
         rows = [
-            (gain, g) for gain, g in zip(gains, some, strict=True) if gain > top - 0.5 * COINCIDE
+            (gain, g)
+            for gain, g in zip(gains, some, strict=True)
+            if gain > top - 0.5 * MIN_EXCHANGE_GAIN
         ]
         return min(rows, key=lambda r: (len(self.items[r[1]].at), -r[0]), default=(-math.inf, -1))
 
@@ -547,9 +570,9 @@ class Gram:
 
     @cached_property
     def after_reversal(self) -> int:
-        """Place at which friction after reversals joins the model; MOST if it does not."""
-        names = [self.items[g].name for g in self.forward_selection(JOINT)]
-        return names.index(REVERSAL) if REVERSAL in names else MOST
+        """Place at which friction after reversals joins the model; MAX_CAUSES if it does not."""
+        names = [self.items[g].name for g in self.forward_selection(MAX_JOINED_CAUSES)]
+        return names.index(REVERSAL) if REVERSAL in names else MAX_CAUSES
 
     @property
     def singles(self) -> dict[str, float]:
@@ -561,28 +584,29 @@ class Gram:
         rows = sorted(self._single.values(), reverse=True)
         # A shape with a memory that is far less likely in a pass than another one is none.
         most = max((gain for gain, g in rows if self.items[g].gain > -math.inf), default=0.0)
+        least = _MIN_GAIN_FRACTION * most
         likely = [
             (gain, [g]) for gain, g in rows
-            if gain > max(self._chance(g), _FAR_LESS * most * (self.items[g].gain > -math.inf))
+            if gain > max(self._chance(g), least * (self.items[g].gain > -math.inf))
         ]  # fmt: skip
-        found = likely[:PROPOSALS]
+        found = likely[:MAX_SINGLE_PROPOSALS]
         chosen: list[int] = []
         now = self.alone
-        while len(chosen) < JOINT:
+        while len(chosen) < MAX_JOINED_CAUSES:
             gain, g = self._best(chosen)
             if g < 0 or gain < now + self._chance(g):
                 break
             chosen, now = [*chosen, g], gain
             for k in range(len(chosen)):
                 gain, g = self._best(chosen[:k] + chosen[k + 1 :])
-                if gain > now + COINCIDE:
+                if gain > now + MIN_EXCHANGE_GAIN:
                     chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
             if len(chosen) > 1:
                 found.append((now - self.alone, list(chosen)))
         return found
 
     def _chance(self, g: int) -> float:
-        return CHANCE + self.odds[self.items[g].name]
+        return MIN_PREDICTED_GAIN + self.odds[self.items[g].name]
 
     def merges(
         self, causes: Sequence[str]
@@ -610,8 +634,30 @@ class Gram:
             return float(_left(np.column_stack([force[:, :0], *others]), force[:, [k]])[1][0])
 
         # One that leaves as much of the force as these without one of them is no better than that.
-        most = [SAME**2 * min(rest(k, n) for n in some) for k, some in enumerate(sets)]
+        most = [MAX_SAME_RESIDUAL**2 * min(rest(k, n) for n in some) for k, some in enumerate(sets)]
         sizes = [sum(map(_size, some)) for some in sets]
+        best = self._simplest_alike(sets, sizes, force, most)
+        free = problem.free_of(self.fit)
+        for some, (*_, name, values) in zip(sets, best, strict=True):
+            if name:
+                bare = problem.less(self.fit.axis, *some)
+                others = problem.free_without(free, *some)
+                start = with_effect(bare, name, values)
+                yield some, name, start.axis, (*others, *start.free)
+
+    def _simplest_alike(
+        self,
+        sets: Sequence[tuple[str, ...]],
+        sizes: Sequence[int],
+        force: FloatArray,
+        most: Sequence[float],
+    ) -> list[tuple[float, float, str, dict[str, float]]]:
+        """For each set of causes the smallest effect that acts as they do in sliding.
+
+        Its size, the squares it leaves of their `force`, at most `most`, its name, empty if there
+        is none, and its values.
+        """
+        slides = self.here.direction != 0.0
         best = [(math.inf, math.inf, "", dict[str, float]())] * len(sets)
         for one in (i for i in self.items if i.column.force and i.name != REVERSAL):
             c, left = _left(np.stack(one.column.force, axis=1)[slides], force)
@@ -622,13 +668,7 @@ class Gram:
                 if new and allowed and left[k] < most[k] and (size, left[k]) < best[k][:2]:
                     values = dict(one.column.values(c[:, k].tolist()))
                     best[k] = size, float(left[k]), one.name, values
-        free = problem.free_of(self.fit)
-        for some, (*_, name, values) in zip(sets, best, strict=True):
-            if name:
-                bare = problem.less(self.fit.axis, *some)
-                others = problem.free_without(free, *some)
-                start = with_effect(bare, name, values)
-                yield some, name, start.axis, (*others, *start.free)
+        return best
 
     def whole(self, most: int) -> tuple[list[Proposal], bool]:
         """Starts with all effects that forward selection finds.
@@ -667,7 +707,7 @@ class Gram:
             same = np.linalg.solve(
                 self.g[:count, :count] + _RIDGE * np.eye(count), self.g[:count, j]
             )
-            if self.g[j, j] - self.g[:count, j] @ same > SAME**2:
+            if self.g[j, j] - self.g[:count, j] @ same > MAX_SAME_RESIDUAL**2:
                 continue
             rates = same / self.scale[:count] * self.scale[j]
             most = min(one.column.most, 1.0 / max(float(np.abs(rates).max()), 1e-300))
@@ -675,7 +715,7 @@ class Gram:
             costs = self._assumed(-amounts[:, None] * rates)
             best = int(np.argmin(costs))
             gain = float(self._assumed(np.zeros(count)) - costs[best])
-            if gain < CHANCE or gain <= getattr(found.get(one.name), "predicted", 0.0):
+            if gain < MIN_PREDICTED_GAIN or gain <= getattr(found.get(one.name), "predicted", 0.0):
                 continue
             c = float(amounts[best])
             try:
@@ -690,9 +730,17 @@ class Gram:
         """The likeliest start in one pass, and that in another form, if there are any."""
         best = dict[tuple[bool, float], Proposal]()
         held = next(self._axes(chosen), (None, ()))[0]
+        for option in self._neighbours(chosen):
+            for other, one in self._one_pass(predicted, option, held):
+                key = other, one.quieter
+                if key not in best or one.cost < best[key].cost:
+                    best[key] = one
+        return [*best.values()]
+
+    def _neighbours(self, chosen: list[int]) -> list[list[int]]:
+        """The set, and sets with another shape of one of its effects, likeliest first."""
         options = [chosen]
         for k, g in enumerate(chosen):
-            # Other shapes of one effect at a time.
             others = [
                 o for o, one in enumerate(self.items) if one.name == self.items[g].name and o != g
             ]
@@ -701,37 +749,40 @@ class Gram:
             gains = self.gains([[*chosen[:k], o, *chosen[k + 1 :]] for o in others])
             rows = [(max(n, self.items[o].gain), o) for n, o in zip(gains, others, strict=True)]
             rows = sorted((r for r in rows if r[0] > -math.inf), reverse=True)
-            options += [[*chosen[:k], o, *chosen[k + 1 :]] for _, o in rows[:NEIGHBOURS]]
-        for option in options:
-            names = tuple(self.items[g].name for g in option)
-            memory = tuple(
-                f"{self.items[g].name}." for g in option if self.items[g].gain > -math.inf
-            )
-            starts = (
-                (one, free, k > 0)
-                for axis, free in self._axes(option)
-                for k, one in enumerate(forms(axis, names))
-            )
-            for axis, free, other in starts:
-                # The numbers of the usual form are no guide to what it holds.
-                own = (*free, *(n for name in names for n in held_by(name))) if other else free
-                try:
-                    likelihood = self.problem.likelihood(
-                        axis, (*self.problem.free_of(self.fit), *own)
+            options += [[*chosen[:k], o, *chosen[k + 1 :]] for _, o in rows[:MAX_OTHER_SHAPES]]
+        return options
+
+    def _one_pass(
+        self, predicted: float, option: Sequence[int], held: FrictionAxis | None
+    ) -> Iterator[tuple[bool, Proposal]]:
+        """Starts with a set of items, with their costs in one pass, where these are finite.
+
+        And whether each is of another form than the usual one.
+        """
+        names = tuple(self.items[g].name for g in option)
+        memory = tuple(f"{self.items[g].name}." for g in option if self.items[g].gain > -math.inf)
+        starts = (
+            (one, free, k > 0)
+            for axis, free in self._axes(option)
+            for k, one in enumerate(forms(axis, names))
+        )
+        for axis, free, other in starts:
+            # The numbers of the usual form are no guide to what it holds.
+            own = (*free, *(n for name in names for n in held_by(name))) if other else free
+            try:
+                likelihood = self.problem.likelihood(axis, (*self.problem.free_of(self.fit), *own))
+            except ValueError:
+                continue
+            remembers = tuple(n for n in own if n.startswith(memory))
+            parts = self._parts if memory else SCREENING_FORCE_FACTORS[:1]
+            costs = self._costs(likelihood, parts)
+            for part, cost, level in zip(parts, costs, self._levels, strict=False):
+                cost += self._levels[0] - level
+                if math.isfinite(cost):
+                    yield (
+                        other,
+                        Proposal(names, axis, own, cost, predicted, held, remembers, part),
                     )
-                except ValueError:
-                    continue
-                remembers = tuple(n for n in own if n.startswith(memory))
-                parts = self._parts if memory else QUIET[:1]
-                costs = self._costs(likelihood, parts)
-                for part, cost, level in zip(parts, costs, self._levels, strict=False):
-                    cost += self._levels[0] - level
-                    key = other, part
-                    if math.isfinite(cost) and (key not in best or cost < best[key].cost):
-                        best[key] = Proposal(
-                            names, axis, own, cost, predicted, held, remembers, part
-                        )
-        return [*best.values()]
 
     def _axes(self, chosen: Sequence[int]) -> Iterator[tuple[FrictionAxis, tuple[str, ...]]]:
         """The model with items at their coefficients, its base as it is and moved along."""
@@ -758,7 +809,7 @@ class Gram:
         """Base parameters after relative changes, with their sign and within their bounds."""
         now, some = values_of(axis, self.base), {p.name: p for p in self.likelihood.parameters}
         low, high = (np.array([getattr(some[n], b) for n in self.base]) for b in ("low", "high"))
-        factor = np.where(low < 0.0, 1.0 + c, np.clip(1.0 + c, *_BASE))
+        factor = np.where(low < 0.0, 1.0 + c, np.clip(1.0 + c, *_BASE_FACTOR_LIMITS))
         rise = np.clip(now * factor, low, high)
         none = np.maximum(c, 0.0) * self.here.size / self.here.fast
         return np.where(now != 0.0, rise, none)
@@ -812,7 +863,7 @@ def _other_amounts(name: str, effect: Effect, view: View) -> Iterator[Column]:
             continue
         slides = view.direction != 0.0
         now, left = _left(np.stack(one.force, axis=1)[slides], force[slides, None])
-        if left[0] > SAME_FORCE**2 * float(force @ force):
+        if left[0] > NEGLIGIBLE_FORCE_RATIO**2 * float(force @ force):
             continue
 
         def other(

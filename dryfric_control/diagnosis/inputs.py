@@ -27,13 +27,15 @@ from dryfric_control.estimation.force_view import ForceRun, ForceView, prepare_f
 from dryfric_control.estimation.input_noise import without_noise
 from dryfric_control.estimation.likelihood import Run
 from dryfric_control.estimation.parameters import SHIFT
-from dryfric_control.estimation.scoring import LAST, SOME, maximise
+from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FINAL_ITERATIONS, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.effects.columns import View
 from dryfric_control.records.motion import ONE_VELOCITY, usual_speeds
 
 
-def quieter(problem: Problem, recorded: Sequence[Run], fit: Solution, most: bool) -> Problem:
+def denoised_inputs(
+    problem: Problem, recorded: Sequence[Run], fit: Solution, most: bool
+) -> Problem:
     """The problem with as little, or as much (`most`), noise taken off its inputs as is likely.
 
     Measurement noise of the input does not act on the axis.  Left in, it would count as random
@@ -43,12 +45,12 @@ def quieter(problem: Problem, recorded: Sequence[Run], fit: Solution, most: bool
         return problem
     found = {0.0: tuple(recorded)}
     force = fit.largest_force
-    for width in thresholds.WIDTHS[1:]:
+    for width in thresholds.INPUT_NOISE_WIDTHS[1:]:
         runs = tuple(replace(r, u=without_noise(r.u, width)) for r in recorded)
         off = [a.u - b.u for a, b in zip(recorded, runs, strict=True)]
-        white = all(e[1:] @ e[:-1] <= thresholds.WHITE * (e @ e) for e in off)
+        white = all(e[1:] @ e[:-1] <= thresholds.MAX_LAG_ONE_CORRELATION * (e @ e) for e in off)
         # Noise far below the random force makes no difference.
-        if white and any(np.std(e) > thresholds.HEARD * force for e in off):
+        if white and any(np.std(e) > thresholds.MIN_INPUT_NOISE_RATIO * force for e in off):
             found[width] = runs
     if problem.imposed or len(found) == 1:
         same = problem.imposed or problem.runs == tuple(recorded)
@@ -60,7 +62,7 @@ def quieter(problem: Problem, recorded: Sequence[Run], fit: Solution, most: bool
         return one.reference(fit.axis, noises=noises_of(fit)).cost
 
     costs = dict(zip(found, problem.parallel(cost, found.values()), strict=True))
-    enough = min(costs.values()) + thresholds.SLACK
+    enough = min(costs.values()) + thresholds.FIT_SLACK
     widths = [width for width, cost in costs.items() if cost < enough]
     runs = found[max(widths) if most else min(widths)]
     return problem if runs == problem.runs else replace(problem, runs=runs)
@@ -77,7 +79,7 @@ def as_recorded(fit: Solution, recorded: Sequence[Run]) -> Solution:
     return maximise(problem, fit.z, 12)
 
 
-def led(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
+def with_input_lead(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
     """The problem and fit with inputs that act before their time stamps, if data require it."""
     if problem.imposed or problem.shift is not None:
         return None
@@ -85,17 +87,20 @@ def led(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
         return None
     free, dt = problem.free_of(fit), problem.scales.step
     costs = {}
-    for samples in thresholds.EARLIER:
+    for samples in thresholds.INPUT_LEADS:
         one = replace(problem, shift=-samples * dt)
         likelihood = one.likelihood(fit.axis, free, each=each_of(fit))
         costs[samples] = likelihood.tried(likelihood.start(noises=noises_of(fit))).cost
     # Parameters may have compensated for the lead, so no cost needs to be lower yet.
-    led = replace(problem, shift=-min(costs, key=costs.__getitem__) * dt)
-    found = led.fit(fit.axis, free, noises_of(fit), SOME, each=each_of(fit))
+    with_lead = replace(problem, shift=-min(costs, key=costs.__getitem__) * dt)
+    found = with_lead.fit(fit.axis, free, noises_of(fit), COMPARISON_ITERATIONS, each=each_of(fit))
     shift = found.values()[SHIFT]
-    sure = shift < -max(thresholds.CLEAR * found.standard_errors()[SHIFT], thresholds.SOONEST * dt)
+    sure = shift < -max(
+        thresholds.MIN_STANDARD_ERRORS * found.standard_errors()[SHIFT],
+        thresholds.MIN_VISIBLE_DELAY * dt,
+    )
     if sure and evidence(fit, found) > 0.0:
-        return replace(led, shift=shift), found
+        return replace(with_lead, shift=shift), found
     return None
 
 
@@ -124,7 +129,7 @@ def moving(problem: Problem, begun: Solution, found: Model) -> Model | None:
     """
     free, axis = problem.free_of(found.fit), found.fit.axis
     try:
-        fit = problem.fit(axis, free, turns=SOME)
+        fit = problem.fit(axis, free, turns=COMPARISON_ITERATIONS)
     except ValueError:
         return None
     bending = (n for n in catalogue(problem.believed) if effect_class(n).action == "contact")
@@ -137,7 +142,9 @@ def moving(problem: Problem, begun: Solution, found: Model) -> Model | None:
             forms(with_effect(axis, name, shape.values((1.0,))).axis, [name])[-1]
             for shape in [*effect_class(name).columns(view)][1::2]
         ]
-        fits = problem.parallel(lambda start: problem.fit(start, own, turns=LAST), starts)
+        fits = problem.parallel(
+            lambda start: problem.fit(start, own, turns=FINAL_ITERATIONS), starts
+        )
         # With a large random force the filter follows the readings, whatever the model.
         fits = [s for s in fits if not problem.behind_line(s)]
         if fits:
@@ -156,7 +163,7 @@ def _apart(problem: Problem, now: Solution) -> tuple[Problem, Solution]:
         # A cause that is still missing correlates what is left, whatever differs between records.
         fall = now.held_out() - fit.held_out()
         penalty = 0.5 * math.log(one.samples) * len(names) * len(one.runs)
-        if float(fall[np.isfinite(fall)].sum()) > thresholds.LEAST + penalty:
+        if float(fall[np.isfinite(fall)].sum()) > thresholds.MIN_EVIDENCE + penalty:
             return one, fit
     return problem, now
 
@@ -174,4 +181,7 @@ def _one_velocity(problem: Problem) -> bool:
 def _follows(fit: Solution) -> bool:
     """Whether the drive, but for its mean, matches the required force of each record."""
     drives = [float(np.std(run.u)) or run.drive for run in fit.problem.runs]
-    return max(fit.random_force(i) / drive for i, drive in enumerate(drives)) < thresholds.FOLLOWS
+    return (
+        max(fit.random_force(i) / drive for i, drive in enumerate(drives))
+        < thresholds.MAX_IMPOSED_FORCE_RATIO
+    )

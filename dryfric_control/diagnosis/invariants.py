@@ -11,7 +11,7 @@ import numpy as np
 from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.candidates import amounts, placed
 from dryfric_control.diagnosis.problem import Problem
-from dryfric_control.diagnosis.thresholds import LEAST
+from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
 from dryfric_control.estimation.force_residual import applied
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
@@ -77,7 +77,7 @@ def unsound(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -> s
         return "ended at a bound"
     there: dict[bool, list[bool]] = {False: [], True: []}
     for full, neutral, optional in amounts(name, own):
-        there[optional].append(_loss(fit, full, neutral) > LEAST)
+        there[optional].append(_loss(fit, full, neutral) > MIN_EVIDENCE)
     return "" if all(there[False]) or any(there[True]) else "not determined"
 
 

@@ -12,21 +12,28 @@ from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import with_effect
 from dryfric_control.diagnosis.criterion import cost_of, evidence, prior_of
-from dryfric_control.diagnosis.gram import Proposal, raised, scaled
+from dryfric_control.diagnosis.gram import Proposal, screening_noises, with_force_factor
 from dryfric_control.diagnosis.invariants import impossible, unsound
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
-    AHEAD,
-    ENOUGH,
-    LEAST,
-    SCANNED,
-    SLACK,
-    WALKED,
+    CONVERGED_GAIN,
+    FINE_GRID_FACTORS,
+    FIT_SLACK,
+    GRID_FACTORS,
+    MIN_EVIDENCE,
+    REMAINING_GAIN_RATIO,
 )  # fmt: skip
 from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.estimation.parameters import values_of, with_values
-from dryfric_control.estimation.scoring import FEW, SOME, continued, held, maximise, with_force
+from dryfric_control.estimation.scoring import (
+    COMPARISON_ITERATIONS,
+    FIRST_ITERATIONS,
+    fit_with_fixed_noises,
+    force_continuation,
+    maximise,
+    with_force,
+)
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
@@ -36,9 +43,9 @@ FloatArray = NDArray[np.float64]
 _Top = tuple[float, tuple[float, float]]
 
 
-def begun(
-    problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution, turns: int = SOME,
-    **settings: Any,
+def fit_beside(
+    problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution,
+    turns: int = COMPARISON_ITERATIONS, **settings: Any,
 ) -> Solution:  # fmt: skip
     """Fit beside a model, from its noises if it starts as likely, else from a large random force.
 
@@ -47,12 +54,12 @@ def begun(
     """
     likelihood = problem.likelihood(axis, free, each=each_of(now), **settings)
     z = likelihood.start(noises=noises_of(now))
-    if likelihood.tried(z).cost > now.cost + SLACK:
+    if likelihood.tried(z).cost > now.cost + FIT_SLACK:
         z = likelihood.start(1.0)
     return maximise(likelihood, z, turns, problem.until)
 
 
-def walked(
+def grid_search(
     likelihood: Likelihood, z: FloatArray, own: Sequence[str], noises: FloatArray
 ) -> FloatArray:
     """Parameters of a shape with a memory, each tried at factors of its value.
@@ -61,13 +68,13 @@ def walked(
     ridges that slopes do not cross.
     """
     start = z = with_force(likelihood, z)
-    for factors in WALKED:
-        z = along(likelihood, z, own, factors)
+    for factors in GRID_FACTORS:
+        z = best_factors(likelihood, z, own, factors)
     # What a large random force hides is not decided there.
     return min((start, z), key=lambda at: likelihood.tried(with_noises(at, noises)).cost)
 
 
-def along(
+def best_factors(
     likelihood: Likelihood, z: FloatArray, own: Sequence[str], factors: Sequence[float]
 ) -> FloatArray:
     """Each of some parameters in turn at the likeliest factor of its value.
@@ -99,19 +106,19 @@ def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Sol
     its valley at the nominal values is narrow.  `start`: where to begin.
     """
     names = [n for n in problem.base if n in fit.problem.names and n not in problem.own]
-    if start is None or not names or prior_of(fit) < LEAST:
+    if start is None or not names or prior_of(fit) < MIN_EVIDENCE:
         return fit
     free = problem.free_of(fit)
     axis = with_values(start, names, [problem.nominal[n] for n in names])
-    back = begun(problem, axis, free, fit, base=())
+    back = fit_beside(problem, axis, free, fit, base=())
     if back.cost > fit.cost:
         return fit
-    again = problem.fit(back.axis, free, noises_of(back), SOME, each=each_of(back))
+    again = problem.fit(back.axis, free, noises_of(back), COMPARISON_ITERATIONS, each=each_of(back))
     return min(fit, again, key=cost_of)
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class PartialFit:
     """A proposal while it is fitted.
 
     `hope`: fall of the cost that another step may bring; `first`: falls at the first look, where
@@ -126,7 +133,7 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class FittedProposal:
     """A proposal after its fit."""
 
     names: tuple[str, ...]
@@ -143,56 +150,67 @@ class Row:
 
 
 @dataclass(eq=False)
-class Looks:
+class ProposalFits:
     """Fits of proposals beside one model."""
 
     problem: Problem
     now: Solution  # the model
     odds: Mapping[str, float]  # logarithm of the number of shapes of each effect
     fail: Callable[[str, str], None]  # called with names and the reason why they were not tried
-    rows: list[Row] = field(default_factory=list)
+    rows: list[FittedProposal] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.free = self.problem.free_of(self.now)
-        self.noises = raised(self.problem, self.now)
+        self.noises = screening_noises(self.problem, self.now)
         self._levels = dict[float, float]()
 
     def fit(self, proposals: Sequence[Proposal]) -> None:
         """Fit some proposals, and add their rows."""
         top = self._top()
         joined = [p for p in proposals if len(p.names) > 1]
-        waiting = self._looked([p for p in proposals if len(p.names) == 1], proposals)
+        waiting = self._first_fits([p for p in proposals if len(p.names) == 1], proposals)
         while True:
-            # The most promising goes on; what can neither pay nor outdo the best is left, and
-            # joined causes of which one alone fits better: the next round begins there.
-            reached = [(r.names, r.fit.cost) for r in self.rows]
-            reached += [(one.proposal.names, one.fit.cost) for one in waiting]
-            waiting = [
-                one for one in waiting
-                if self._hopeful(one, top) and not any(
-                    {*names} < {*one.proposal.names} and cost <= one.fit.cost
-                    for names, cost in reached
-                )
-            ]  # fmt: skip
+            waiting = self._worth_a_step(waiting, top)
             if not waiting and joined:
                 # Joined causes are looked at if they promise more than single ones reached.
-                some = [p for p in joined if p.predicted > top[0] - SLACK]
-                waiting, joined = self._looked(some, proposals), []
+                some = [p for p in joined if p.predicted > top[0] - FIT_SLACK]
+                waiting, joined = self._first_fits(some, proposals), []
                 continue
             if not waiting:
                 return
-            last = min(waiting, key=lambda one: one.fit.cost - AHEAD * one.hope)
+            # The most promising goes on.
+            last = min(waiting, key=lambda one: one.fit.cost - REMAINING_GAIN_RATIO * one.hope)
             waiting.remove(last)
-            fit = self._further(last)
+            fit = self._continued_fit(last)
             if fit is None:
                 continue
-            turns = last.turns + FEW
-            if fit.promised < ENOUGH or fit.iterations < FEW - 1 or turns >= SOME:
+            turns = last.turns + FIRST_ITERATIONS
+            if (
+                fit.promised < CONVERGED_GAIN
+                or fit.iterations < FIRST_ITERATIONS - 1
+                or turns >= COMPARISON_ITERATIONS
+            ):
                 self.rows.append(self._restored(self._row(last, fit), last.proposal.held))
                 top = self._top()
             else:
                 hope = min(fit.promised, last.fit.cost - fit.cost)
-                waiting.append(Look(last.proposal, fit, hope, last.first, turns))
+                waiting.append(PartialFit(last.proposal, fit, hope, last.first, turns))
+
+    def _worth_a_step(self, waiting: Sequence[PartialFit], top: _Top) -> list[PartialFit]:
+        """Fits that go on.
+
+        What can neither pay nor outdo the best is left, and joined causes of which one alone fits
+        better: the next round begins there.
+        """
+        reached = [(r.names, r.fit.cost) for r in self.rows]
+        reached += [(one.proposal.names, one.fit.cost) for one in waiting]
+        return [
+            one for one in waiting
+            if self._hopeful(one, top) and not any(
+                {*names} < {*one.proposal.names} and cost <= one.fit.cost
+                for names, cost in reached
+            )
+        ]  # fmt: skip
 
     def _level(self, part: float) -> float:
         """Cost of the model at a factor of the raised random force.
@@ -201,18 +219,20 @@ class Looks:
         """
         if part not in self._levels:
             model = self.problem.likelihood(self.now.axis, self.free, each=each_of(self.now))
-            start = model.start(noises=scaled(self.noises, part))
-            self._levels[part] = held(model, start, until=self.problem.until).cost
+            start = model.start(noises=with_force_factor(self.noises, part))
+            self._levels[part] = fit_with_fixed_noises(model, start, until=self.problem.until).cost
         return self._levels[part]
 
-    def _looked(self, some: Sequence[Proposal], proposals: Sequence[Proposal]) -> list[Look]:
+    def _first_fits(
+        self, some: Sequence[Proposal], proposals: Sequence[Proposal]
+    ) -> list[PartialFit]:
         """First looks of some of the proposals that may gain.
 
         What no machine can have must not outdo what it may; the others of a joined proposal go
         on without it.
         """
-        found, rest = list[Look](), list[Proposal]()
-        for one in filter(None, self.problem.parallel(self._first, some)):
+        found, rest = list[PartialFit](), list[Proposal]()
+        for one in filter(None, self.problem.parallel(self._first_fit, some)):
             names, own = one.proposal.names, one.proposal.free
             lost = [n for n in names if impossible(self.problem, one.fit, n, _own(own, n))]
             if not lost:
@@ -221,37 +241,40 @@ class Looks:
                 rest.append(self._rest(one, lost))
         tried = {frozenset(one.names) for some in (proposals, self.rows) for one in some}
         rest = [one for one in rest if frozenset(one.names) not in tried]
-        return [*found, *self._looked(rest, proposals)] if rest else found
+        return [*found, *self._first_fits(rest, proposals)] if rest else found
 
-    def _first(self, one: Proposal) -> Look | None:
+    def _first_fit(self, one: Proposal) -> PartialFit | None:
         problem, now, until = self.problem, self.now, self.problem.until
         try:
             likelihood = problem.likelihood(one.axis, (*self.free, *one.free), each=each_of(now))
             # A random force that accelerates as much.
-            alike = scaled(self.noises, one.quieter * one.axis.mass / now.axis.mass)
+            alike = with_force_factor(self.noises, one.quieter * one.axis.mass / now.axis.mass)
             starts = [likelihood.start(noises=alike)]
             if one.remembers:
-                starts = [walked(likelihood, starts[0], one.remembers, alike)]
+                starts = [grid_search(likelihood, starts[0], one.remembers, alike)]
                 # There the base takes up what the shape should, which may lead astray.
-                starts.append(continued(likelihood, starts[0], until=until))
-            fits = (held(likelihood, with_noises(z, alike), until=until) for z in starts)
+                starts.append(force_continuation(likelihood, starts[0], until=until))
+            fits = (
+                fit_with_fixed_noises(likelihood, with_noises(z, alike), until=until)
+                for z in starts
+            )
             fit = min(fits, key=cost_of)
             if one.remembers and math.isfinite(fit.cost):
-                there = along(likelihood, fit.z, one.remembers, SCANNED)
-                fit = held(likelihood, there, until=until)
+                there = best_factors(likelihood, fit.z, one.remembers, FINE_GRID_FACTORS)
+                fit = fit_with_fixed_noises(likelihood, there, until=until)
             if not math.isfinite(fit.cost):
                 likelihood.at(fit.z)  # says why there is no such axis
                 return None
             smooth = self._level(one.quieter) - fit.cost
-            if smooth + AHEAD * fit.promised < 0.5 * self._needed(one):
+            if smooth + REMAINING_GAIN_RATIO * fit.promised < 0.5 * self._needed(one):
                 return None
-            fit = maximise(likelihood, fit.z, FEW, until, True)
-            return Look(one, fit, fit.promised, (smooth, now.cost - fit.cost))
+            fit = maximise(likelihood, fit.z, FIRST_ITERATIONS, until, True)
+            return PartialFit(one, fit, fit.promised, (smooth, now.cost - fit.cost))
         except (ValueError, ArithmeticError) as wrong:
             self.fail("+".join(one.names), str(wrong))
             return None
 
-    def _rest(self, look: Look, lost: Sequence[str]) -> Proposal:
+    def _rest(self, look: PartialFit, lost: Sequence[str]) -> Proposal:
         """A proposal without some of its effects, from where its look ended."""
         problem, one = self.problem, look.proposal
 
@@ -264,28 +287,32 @@ class Looks:
             held=one.held and problem.less(one.held, *lost),
         )  # fmt: skip
 
-    def _further(self, look: Look) -> Solution | None:
+    def _continued_fit(self, look: PartialFit) -> Solution | None:
         one, fit, until = look.proposal, look.fit, self.problem.until
         try:
             if look.turns:
-                return maximise(fit.problem, fit.z, FEW, until, again=True)
+                return maximise(fit.problem, fit.z, FIRST_ITERATIONS, until, again=True)
             names = (*self.free, *one.free)
-            return self.problem.fit(fit.axis, names, noises_of(fit), FEW, each=each_of(fit))
+            return self.problem.fit(
+                fit.axis, names, noises_of(fit), FIRST_ITERATIONS, each=each_of(fit)
+            )
         except (ValueError, ArithmeticError) as wrong:
             self.fail("+".join(one.names), str(wrong))
             return None
 
-    def _row(self, look: Look, fit: Solution) -> Row:
+    def _row(self, look: PartialFit, fit: Solution) -> FittedProposal:
         one = look.proposal
         reasons = [unsound(self.problem, fit, n, _own(one.free, n)) for n in one.names]
         reason = next(filter(None, reasons), "")
-        return Row(one.names, one.free, fit, self._worth(fit, one.names), look.first, reason)
+        return FittedProposal(
+            one.names, one.free, fit, self._worth(fit, one.names), look.first, reason
+        )
 
     def _worth(self, fit: Solution, names: Sequence[str]) -> float:
         return evidence(self.now, fit, [self.odds[n] for n in names])
 
     @property
-    def good(self) -> list[Row]:
+    def good(self) -> list[FittedProposal]:
         """Rows that are good."""
         return [r for r in self.rows if r.good]
 
@@ -294,7 +321,7 @@ class Looks:
         gains = [(self.now.cost - r.fit.cost, r.first) for r in self.good]
         return max(gains, default=(-math.inf, (-math.inf, -math.inf)))
 
-    def _restored(self, row: Row, start: FrictionAxis | None) -> Row:
+    def _restored(self, row: FittedProposal, start: FrictionAxis | None) -> FittedProposal:
         """The row with the base back at nominal where that may decide which one is best."""
         most = max((r.evidence for r in self.rows if not r.reason), default=0.0)
         if row.reason or row.evidence + prior_of(row.fit) < max(most, 0.0):
@@ -315,7 +342,7 @@ class Looks:
         top, problem = max(good, key=lambda r: r.evidence), self.problem
         effect, base = named(top.fit.axis)[top.names[0]], problem.base
 
-        def one(row: Row) -> Row:
+        def one(row: FittedProposal) -> FittedProposal:
             name = row.names[0]
             if row is top or len(row.names) > 1 or row.fit.cost <= top.fit.cost:
                 return row
@@ -327,7 +354,9 @@ class Looks:
             free = (*self.free, *row.free)
             try:
                 axis = with_effect(with_values(axis, base, moved), name, same[0]).axis
-                fit = problem.fit(axis, free, noises_of(top.fit), SOME, each=each_of(top.fit))
+                fit = problem.fit(
+                    axis, free, noises_of(top.fit), COMPARISON_ITERATIONS, each=each_of(top.fit)
+                )
             except ValueError:
                 return row  # no axis can have these values
             if fit.cost >= row.fit.cost:
@@ -339,23 +368,23 @@ class Looks:
 
     def _needed(self, one: Proposal) -> float:
         """What the causes of a proposal cost."""
-        return sum(LEAST + self.odds[n] for n in one.names)
+        return sum(MIN_EVIDENCE + self.odds[n] for n in one.names)
 
-    def _hopeful(self, look: Look, top: _Top) -> bool:
+    def _hopeful(self, look: PartialFit, top: _Top) -> bool:
         """Whether a fit may still gain what its causes cost, and as much as the best one.
 
         `top`: what that gained in the end, and at its first look: looks are compared with looks.
         """
         one, fit = look.proposal, look.fit
         prior = prior_of(fit) - prior_of(self.now)
-        gain = self.now.cost - fit.cost + AHEAD * look.hope
+        gain = self.now.cost - fit.cost + REMAINING_GAIN_RATIO * look.hope
         equal = not look.turns and any(
-            one > other - SLACK for one, other in zip(look.first, top[1], strict=True)
+            one > other - FIT_SLACK for one, other in zip(look.first, top[1], strict=True)
         )
         if not look.turns:
             gain = max(gain, one.predicted)  # a quick look may end where a cost is rough
         pays = gain + max(prior, 0.0) > 0.5 * self._needed(one)
-        return pays and (equal or gain > top[0] - SLACK)
+        return pays and (equal or gain > top[0] - FIT_SLACK)
 
 
 def _own(free: Sequence[str], name: str) -> tuple[str, ...]:

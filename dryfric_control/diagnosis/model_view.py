@@ -11,7 +11,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.candidates import effect_class
-from dryfric_control.diagnosis.thresholds import SAME_FORCE
+from dryfric_control.diagnosis.thresholds import NEGLIGIBLE_FORCE_RATIO
 from dryfric_control.estimation.force_residual import applied
 from dryfric_control.estimation.likelihood import Point
 from dryfric_control.estimation.parameters import values_of, with_values
@@ -211,7 +211,7 @@ class ModelView:
         Also the relative changes of base parameters of these `names` that go with them; None if
         it acts otherwise at all its shapes.
         """
-        view, best, found = cast(View, self), SAME_FORCE, None
+        view, best, found = cast(View, self), NEGLIGIBLE_FORCE_RATIO, None
         values = dict(zip(effect.parameters(), effect.values, strict=True))
         force = added(type(effect), values, view)
         for one in effect_class(name).columns(view):

@@ -15,11 +15,17 @@ from numpy.typing import NDArray
 
 from dryfric_control.compiled.likelihood import FREEDOM
 from dryfric_control.diagnosis.candidates import amounts, effect_class, holds, own_names, shown
-from dryfric_control.diagnosis.thresholds import BEHIND, CLEAR_OF, LEAST, MUTED, SAME_FORCE
+from dryfric_control.diagnosis.thresholds import (
+    MAX_RANDOM_FORCE_RATIO,
+    MIN_EVIDENCE,
+    MIN_LINE_LEAD,
+    MIN_MODEL_LEAD,
+    NEGLIGIBLE_FORCE_RATIO,
+)
 from dryfric_control.estimation.force_view import ForceView
-from dryfric_control.estimation.likelihood import BASE, NORMAL, Likelihood, Run
+from dryfric_control.estimation.likelihood import BASE, NORMAL_VARIANCE_RATIO, Likelihood, Run
 from dryfric_control.estimation.parameters import SHIFT, Scales, typical, values_of
-from dryfric_control.estimation.scoring import SOME, maximise
+from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, maximise
 from dryfric_control.estimation.smoothed_motion import SmoothedMotion
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows
@@ -116,14 +122,16 @@ class Problem:
 
     def muted(self, fit: Solution) -> bool:
         """Whether the random force is too large, beside the friction, to explain anything."""
-        return not self.imposed and fit.largest_force > max(MUTED * fit.axis.coulomb.mean, 0.0)
+        return not self.imposed and fit.largest_force > max(
+            MAX_RANDOM_FORCE_RATIO * fit.axis.coulomb.mean, 0.0
+        )
 
     def left(self, fit: Solution) -> float:
         """Log-likelihood that causes may still gain on the data; infinite with a force left.
 
         What acts rarely gains no more than what its outliers cost above those of normal noise.
         """
-        if self.imposed or not fit.largest_force < SAME_FORCE * fit.axis.coulomb.mean:
+        if self.imposed or not fit.largest_force < NEGLIGIBLE_FORCE_RATIO * fit.axis.coulomb.mean:
             return math.inf
         return self.outliers(fit)
 
@@ -135,13 +143,13 @@ class Problem:
         ]  # fmt: skip
         ratios = np.concatenate(rows)
         # The largest of n squares of a normal variable is about 2 log n.
-        normal = 2.0 * math.log(max(ratios.size, 1)) / NORMAL
+        normal = 2.0 * math.log(max(ratios.size, 1)) / NORMAL_VARIANCE_RATIO
         lost = np.log((FREEDOM + np.maximum(ratios, normal)) / (FREEDOM + normal))
         return float(0.5 * (FREEDOM + 1.0) * lost.sum())
 
     def spent(self, fit: Solution) -> bool:
         """Whether no cause can be left: what spares assumptions gains what these cost, no more."""
-        return self.left(fit) + fit.problem.prior(fit.z) < LEAST
+        return self.left(fit) + fit.problem.prior(fit.z) < MIN_EVIDENCE
 
     @property
     def late(self) -> bool:
@@ -180,7 +188,7 @@ class Problem:
 
     def fit(
         self, axis: FrictionAxis, free: Sequence[str] = (), noises: FloatArray | None = None,
-        turns: int = SOME, **settings: Any,
+        turns: int = COMPARISON_ITERATIONS, **settings: Any,
     ) -> Solution:  # fmt: skip
         """Most likely parameters, starting from the values of an axis."""
         problem = self.likelihood(axis, free, **settings)
@@ -221,11 +229,11 @@ class Problem:
 
     def clear_of_line(self, fit: Solution) -> bool:
         """Whether a model clearly beats a straight line: its drive moves the axis."""
-        return fit.cost < self.straight_line.cost - CLEAR_OF * self.samples
+        return fit.cost < self.straight_line.cost - MIN_MODEL_LEAD * self.samples
 
     def behind_line(self, fit: Solution) -> bool:
         """Whether a straight line clearly beats a model."""
-        return fit.cost > self.straight_line.cost + BEHIND * self.samples
+        return fit.cost > self.straight_line.cost + MIN_LINE_LEAD * self.samples
 
     def constant(self, name: str) -> bool:
         """Whether a parameter only adds a force of which every record has its own."""

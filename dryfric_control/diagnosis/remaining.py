@@ -13,10 +13,12 @@ from dryfric_control.estimation.random_force import integrated, products
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.text import Result, documented, rotary_words, stated
 
-# Segment length of the spectrum [samples], and number of values that are kept.
-_SECTION, _KEPT = 1024, 40
+# Segment length of the spectrum [samples].
+_SEGMENT_LENGTH = 1024
+# Largest number of values of the spectrum.
+_SPECTRUM_VALUES = 40
 # Longest lag of the correlation [samples].
-_LAGS = 200
+_MAX_LAG = 200
 
 
 @documented
@@ -64,7 +66,7 @@ class Remaining(Result):
 
 def remaining(found: Solution, structured: bool, where: Sequence[str], unit: str) -> Remaining:
     """Random force of a fit, from the filter's corrections of the velocity."""
-    force, sizes, lags, count = [], [], np.zeros(_LAGS + 1), 0
+    force, sizes, lags, count = [], [], np.zeros(_MAX_LAG + 1), 0
     for i, (state, run) in enumerate(zip(found.point.states, found.problem.runs, strict=True)):
         axis = found.problem.axis_at(found.z, i)
         sliding = (state[2] != 0.0) & run.active
@@ -72,13 +74,13 @@ def remaining(found: Solution, structured: bool, where: Sequence[str], unit: str
         # A single impact must not dominate the spectrum.
         size = np.quantile(np.abs(pushed[sliding]), 0.99) if sliding.any() else 0.0
         pushed = np.clip(pushed, -size, size)
-        force.append(welch(pushed, 1.0 / run.record.dt, nperseg=min(_SECTION, pushed.size)))
+        force.append(welch(pushed, 1.0 / run.record.dt, nperseg=min(_SEGMENT_LENGTH, pushed.size)))
         sizes.append(found.random_force(i))
-        last = min(_LAGS, pushed.size - 1)
+        last = min(_MAX_LAG, pushed.size - 1)
         lags[: last + 1] += products(pushed, last)
         count += int(sliding.sum())
     frequency, spectrum = force[0]
-    edges = np.unique(np.geomspace(1, frequency.size, _KEPT + 1).astype(int))
+    edges = np.unique(np.geomspace(1, frequency.size, _SPECTRUM_VALUES + 1).astype(int))
     middle, power = (
         tuple(float(one[a:b].mean()) for a, b in itertools.pairwise(edges))
         for one in (frequency, spectrum)

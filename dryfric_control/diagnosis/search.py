@@ -21,25 +21,30 @@ from dryfric_control.diagnosis.criterion import cost_of, evidence, surprises
 from dryfric_control.diagnosis.force_view import ForceView
 from dryfric_control.diagnosis.gram import REVERSAL, Gram, Proposal
 from dryfric_control.diagnosis.invariants import in_free_runs, unsound
-from dryfric_control.diagnosis.looks import Looks, Row, begun
+from dryfric_control.diagnosis.looks import FittedProposal, ProposalFits, fit_beside
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
-    AHEAD,
-    EQUAL,
-    EXCHANGED,
-    FREE,
-    LEAST,
-    MOST,
-    MOVED,
-    NOTED,
-    OUTSTANDING,
-    PROPOSALS,
-    SLACK,
-    STRONG,
+    EQUAL_EVIDENCE,
+    FIT_SLACK,
+    MAX_CAUSES,
+    MAX_EXCHANGED_CAUSES,
+    MAX_SINGLE_PROPOSALS,
+    MIN_BASE_CHANGE,
+    MIN_EVIDENCE,
+    MIN_SCORE_FALL,
+    MIN_SCORE_FALL_ERRORS,
+    REMAINING_GAIN_RATIO,
+    STRONG_EVIDENCE,
+    STRONG_EVIDENCE_FRACTION,
 )  # fmt: skip
 from dryfric_control.estimation.parameters import values_of, with_values
-from dryfric_control.estimation.scoring import FEW, SOME, continued, maximise
+from dryfric_control.estimation.scoring import (
+    COMPARISON_ITERATIONS,
+    FIRST_ITERATIONS,
+    force_continuation,
+    maximise,
+)
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
@@ -50,11 +55,11 @@ DELAY = "input_delay"
 LIMIT = "saturation"
 # Largest ratio of the squared force that an effect leaves to that which a cause leaves in its place
 # with which it may do the same.
-_AS_LITTLE = 1.5
+_MAX_SQUARES_RATIO = 1.5
 # Largest ratio of the squared force that is left beside a late drive to that without it.
-_HALVED = 0.5
+_MAX_LATE_SQUARES_RATIO = 0.5
 # Part of what a cause explains of the squared force that an effect must explain to do the same.
-_AS_MUCH = 0.7
+_MIN_EXPLAINED_FRACTION = 0.7
 #: Causes, their free parameters, the random force, and whether they are instead of the base.
 _Start = tuple[frozenset[str], frozenset[str], float, bool]
 
@@ -92,7 +97,9 @@ class Search:
     early: float = 0.0
     #: The best model so far.
     now: Any = None
-    _rounds: dict[frozenset[str], tuple[Solution, list[Row]]] = field(default_factory=dict)
+    _rounds: dict[frozenset[str], tuple[Solution, list[FittedProposal]]] = field(
+        default_factory=dict
+    )
     #: Those without shapes that take passes, which another explanation spared.
     _spared_rounds: set[frozenset[str]] = field(default_factory=set)
     #: Starts with one effect in the place of a cause or two.
@@ -116,16 +123,16 @@ class Search:
 
         def fit(start: FrictionAxis, held: bool) -> Solution:
             if held:
-                return problem.fit(start, turns=FEW)
+                return problem.fit(start, turns=FIRST_ITERATIONS)
             open_minded = problem.likelihood(start, wonder=False)
-            z = continued(open_minded, open_minded.start(), until=problem.until)
-            return maximise(problem.likelihood(start), z, FEW, problem.until)
+            z = force_continuation(open_minded, open_minded.start(), until=problem.until)
+            return maximise(problem.likelihood(start), z, FIRST_ITERATIONS, problem.until)
 
         best = fit(axis, True)
         if not (problem.late or problem.spent(best)):
             rows = problem.parallel(fit, starts, [False] * len(starts))
             best = min([best, *rows], key=cost_of)
-        return maximise(best.problem, best.z, SOME, problem.until, again=True)
+        return maximise(best.problem, best.z, COMPARISON_ITERATIONS, problem.until, again=True)
 
     def by_force(self) -> tuple[Model, bool]:
         """The model with all causes that the force of the motion shows, fitted.
@@ -143,18 +150,20 @@ class Search:
         if names:
             beside = self._by_force(problem.fit(axis, free, noises_of(nominal), 0), names)
             # A late drive may do what another missing force does: it must leave less.
-            if beside.least_squares(MOST) < _HALVED * gram.least_squares(MOST):
+            if beside.least_squares(MAX_CAUSES) < _MAX_LATE_SQUARES_RATIO * gram.least_squares(
+                MAX_CAUSES
+            ):
                 gram = beside
             else:
                 axis, names, free = problem.believed, (), ()
         self.first = gram.singles | self.first
         for name, odds in gram.odds.items():
             self.odds[name] = max(odds, self.odds.get(name, 0.0))
-        starts, builds_up = gram.whole(MOST - len(names))
+        starts, builds_up = gram.whole(MAX_CAUSES - len(names))
         if not starts and not names:
             return Model(nominal), builds_up
         begins = [(one.axis, (*free, *one.free)) for one in starts] or [(axis, free)]
-        fits = problem.parallel(lambda one: begun(problem, one[0], one[1], nominal), begins)
+        fits = problem.parallel(lambda one: fit_beside(problem, one[0], one[1], nominal), begins)
         names = (*names, *(starts[0].names if starts else ()))
         return Model(min(fits, key=cost_of), names), builds_up
 
@@ -172,7 +181,7 @@ class Search:
             top = now if self.over(now, top) > 0.0 else top
             self.now, key = now, frozenset(now.causes)
             # A model that is found again likelier than before is searched again.
-            if now.fit.cost < seen.get(key, math.inf) - SLACK:
+            if now.fit.cost < seen.get(key, math.inf) - FIT_SLACK:
                 seen[key] = now.fit.cost
                 step = f"cause {len(now.causes) + 1}" if now.causes else "first cause"
                 self.tell(step, now.causes)
@@ -184,7 +193,7 @@ class Search:
                     joined = self.weighed(Model(row.fit, (*now.causes, *row.names)))
                     now = self.opened(self.pruned(joined))
                     # What the force shows clearly may be hidden in free runs by another cause.
-                    if frozenset(now.causes) == key and row.evidence > STRONG:
+                    if frozenset(now.causes) == key and row.evidence > STRONG_EVIDENCE:
                         now = self.together(joined) or now
                 # Nothing joins, or what did is not there beside the others.
                 if now.causes and frozenset(now.causes) == key:
@@ -192,7 +201,7 @@ class Search:
                     now = self.exchanged(now)
                 continue
             break
-        return now if self.over(now, top) > -EQUAL else top
+        return now if self.over(now, top) > -EQUAL_EVIDENCE else top
 
     def together(self, joined: Model) -> Model | None:
         """A model with one cause more, if free runs show that, or what joined, beside each other.
@@ -214,11 +223,16 @@ class Search:
         if not starts:
             return now
         fits = self.problem.parallel(
-            lambda start: begun(self.problem, start, (*free, *more), now.fit, FEW), starts
+            lambda start: fit_beside(
+                self.problem, start, (*free, *more), now.fit, FIRST_ITERATIONS
+            ),
+            starts,
         )
-        fit = min(fits, key=lambda one: one.cost - AHEAD * one.promised)
-        if fit.cost - AHEAD * fit.promised < now.fit.cost:
-            fit = maximise(fit.problem, fit.z, SOME, self.problem.until, again=True)
+        fit = min(fits, key=lambda one: one.cost - REMAINING_GAIN_RATIO * one.promised)
+        if fit.cost - REMAINING_GAIN_RATIO * fit.promised < now.fit.cost:
+            fit = maximise(
+                fit.problem, fit.z, COMPARISON_ITERATIONS, self.problem.until, again=True
+            )
         return replace(now, fit=fit) if evidence(now.fit, fit) > 0.0 else now
 
     def refound(self, now: Model) -> Model | None:
@@ -226,32 +240,32 @@ class Search:
 
         What is likelier with a cause at no amount is a better fit of the model itself.
         """
-        rows = self.round(now) if len(now.causes) < MOST else []
+        rows = self.round(now) if len(now.causes) < MAX_CAUSES else []
         row = min(rows, key=lambda r: r.fit.cost, default=None)
-        if row is None or not row.reason or row.fit.cost > now.fit.cost - SLACK:
+        if row is None or not row.reason or row.fit.cost > now.fit.cost - FIT_SLACK:
             return None
         there = Model(row.fit, (*now.causes, *row.names))
         for name in reversed(row.names):
             there = self.without(there, name)
-        return there if there.fit.cost < now.fit.cost - SLACK else None
+        return there if there.fit.cost < now.fit.cost - FIT_SLACK else None
 
-    def best(self, now: Model) -> Row | None:
+    def best(self, now: Model) -> FittedProposal | None:
         """The proposal that joins; of equally good ones the one with fewest assumptions."""
-        return self._chosen(now, self.round(now) if len(now.causes) < MOST else ())
+        return self._chosen(now, self.round(now) if len(now.causes) < MAX_CAUSES else ())
 
-    def _chosen(self, now: Model, rows: Sequence[Row]) -> Row | None:
-        room = MOST - len(now.causes)
+    def _chosen(self, now: Model, rows: Sequence[FittedProposal]) -> FittedProposal | None:
+        room = MAX_CAUSES - len(now.causes)
         good = [r for r in rows if r.good and len(r.names) <= room]
         # What fits no better than one with fewer parameters gains nothing over it on unseen data.
         good = [r for r in good if not any(_simpler(o, r) for o in good)]
         if not good:
             return None
         top = max(r.evidence for r in good)
-        return min((r for r in good if r.evidence > top - EQUAL), key=_assumptions)
+        return min((r for r in good if r.evidence > top - EQUAL_EVIDENCE), key=_assumptions)
 
     def round(
         self, now: Model, other: Solution | None = None, among: Collection[str] = ()
-    ) -> list[Row]:
+    ) -> list[FittedProposal]:
         """Proposals beside a model, fitted; none where nothing is left to explain.
 
         `other`: another explanation; `among`: the effects that are proposed, all if empty.
@@ -259,28 +273,13 @@ class Search:
         if self.problem.spent(now.fit):
             return []
         key = frozenset(now.causes)
-        if key in self._rounds and self._rounds[key][0].cost <= now.fit.cost + SLACK:
+        if key in self._rounds and self._rounds[key][0].cost <= now.fit.cost + FIT_SLACK:
             if other is not None or key not in self._spared_rounds:
                 return self._rounds[key][1]
         grams = self._grams(now)
-        looks = Looks(self.problem, now.fit, self.odds, self._fail)
+        looks = ProposalFits(self.problem, now.fit, self.odds, self._fail)
         looks.fit(_about(among, self._proposals(now, grams)))
-        # Shapes with a memory take passes of the filter: they are tried where friction builds up
-        # after reversals, or single readings are far off, and no explanation leaves nothing; beside
-        # or in the place of another cause, only where the former is the first thing to be seen.
-        fits = [now.fit, *(r.fit for r in looks.good), *([] if other is None else [other])]
-        last = MOST if other is None and not looks.good else 1
-        wanted = not among or any(effect_class(n).remembers for n in among)
-        if (
-            wanted
-            and all(self.problem.left(fit) >= LEAST for fit in fits)
-            and (
-                self._after_reversal(now, grams) < last
-                or (last > 1 and self.problem.outliers(now.fit) > STRONG)
-                or any(gram.bends for gram in grams)
-                or self.problem.imposed  # where a shape takes no pass of the filter
-            )
-        ):
+        if self._memory_wanted(now, grams, looks, other, among):
             for gram in grams:
                 gram.simulate()
             looks.fit(_about(among, self._proposals(now, grams)))
@@ -298,12 +297,38 @@ class Search:
         self._rounds[key] = now.fit, rows
         return rows
 
+    def _memory_wanted(
+        self, now: Model, grams: Sequence[Gram], looks: ProposalFits, other: Solution | None,
+        among: Collection[str],
+    ) -> bool:  # fmt: skip
+        """Whether shapes with a memory, which take passes of the filter, are tried in a round.
+
+        Where friction builds up after reversals, or single readings are far off, and no
+        explanation leaves nothing; beside or in the place of another cause, only where the former
+        is the first thing to be seen.
+        """
+        if among and not any(effect_class(n).remembers for n in among):
+            return False
+        fits = [now.fit, *(r.fit for r in looks.good), *([] if other is None else [other])]
+        if not all(self.problem.left(fit) >= MIN_EVIDENCE for fit in fits):
+            return False
+        last = MAX_CAUSES if other is None and not looks.good else 1
+        return (
+            self._after_reversal(now, grams) < last
+            or (last > 1 and self.problem.outliers(now.fit) > STRONG_EVIDENCE)
+            or any(gram.bends for gram in grams)
+            or self.problem.imposed  # where a shape takes no pass of the filter
+        )
+
     def _after_reversal(self, now: Model, grams: Sequence[Gram]) -> int:
-        """Place at which friction after reversals joins a model: first 0, MOST if it does not."""
+        """Place at which friction after reversals joins a model.
+
+        0 if first, MAX_CAUSES if it does not join.
+        """
         places = [gram.after_reversal for gram in grams if gram.fit is now.fit]
         if grams and not any(effect_class(n).remembers for n in now.causes):
             places.append(self._by_force(now.fit, now.causes).after_reversal)
-        return min(places, default=MOST)
+        return min(places, default=MAX_CAUSES)
 
     def _grams(self, now: Model) -> list[Gram]:
         """Normal equations beside the model, and with its base at nominal if that has moved."""
@@ -322,7 +347,7 @@ class Search:
         for gram in grams:
             if self.problem.late:
                 break
-            count = PROPOSALS if gram.fit is now.fit else PROPOSALS // 2
+            count = MAX_SINGLE_PROPOSALS if gram.fit is now.fit else MAX_SINGLE_PROPOSALS // 2
             for name, odds in gram.odds.items():
                 self.odds[name] = max(odds, self.odds.get(name, 0.0))
             self.early, self.view = max(self.early, gram.early()), gram.here
@@ -336,7 +361,7 @@ class Search:
                 best[key] = replace(min(one, before, key=lambda p: p.cost), held=one.held)
             # The likeliest in one pass, and those of which most is predicted beside this model.
             some = sorted(proposals, key=lambda p: p.cost)[:count]
-            some += sorted(proposals, key=lambda p: -p.predicted)[: PROPOSALS // 2]
+            some += sorted(proposals, key=lambda p: -p.predicted)[: MAX_SINGLE_PROPOSALS // 2]
             chosen += map(_start_of, some)
         return _likeliest_shapes([best[key] for key in dict.fromkeys(chosen)])
 
@@ -367,10 +392,9 @@ class Search:
     def _moved(self, fit: Solution) -> bool:
         """Whether a base parameter is notably off its nominal value."""
         values, nominal = fit.values(), self.problem.nominal
-        return any(
-            nominal[n] != 0.0 and abs(math.log(max(values[n] / nominal[n], 1e-300))) > MOVED
-            for n in self.problem.base if n in values
-        )  # fmt: skip
+        names = [n for n in self.problem.base if n in values and nominal[n] != 0.0]
+        ratios = (max(values[n] / nominal[n], 1e-300) for n in names)
+        return any(abs(math.log(ratio)) > MIN_BASE_CHANGE for ratio in ratios)
 
     def _nominal(self, fit: Solution) -> list[Solution]:
         """The model with its base at nominal, its noises fitted, if that has moved notably.
@@ -394,11 +418,11 @@ class Search:
         causes = problem.free_without(now.causes, name)
         before = self._rounds.get(frozenset(causes))
         if before is None:
-            return Model(begun(problem, axis, rest, fit), causes)
+            return Model(fit_beside(problem, axis, rest, fit), causes)
         # It is known: fitted again only as far as it may become likelier than it was.
-        less = begun(problem, axis, rest, fit, FEW)
-        if less.cost - AHEAD * less.promised < before[0].cost:
-            less = maximise(less.problem, less.z, SOME, problem.until, again=True)
+        less = fit_beside(problem, axis, rest, fit, FIRST_ITERATIONS)
+        if less.cost - REMAINING_GAIN_RATIO * less.promised < before[0].cost:
+            less = maximise(less.problem, less.z, COMPARISON_ITERATIONS, problem.until, again=True)
         return Model(min(less, before[0], key=cost_of), causes)
 
     def _spared(self, fit: Solution, name: str) -> FrictionAxis:
@@ -438,7 +462,7 @@ class Search:
             worst = min(worth, key=worth.__getitem__)
             lost = [worst] if worth[worst] <= 0.0 else []
             most = max((w for w in worth.values() if math.isfinite(w)), default=0.0)
-            alone = max(STRONG, OUTSTANDING * most)
+            alone = max(STRONG_EVIDENCE, STRONG_EVIDENCE_FRACTION * most)
             for name in now.causes:
                 if free_runs and worth[name] < alone and not self._seen(less[name].fit, now.fit):
                     lost.append(name)
@@ -463,9 +487,9 @@ class Search:
         In the place of one wrong base parameter it is one assumption for another.
         """
         before, after = surprises(less), surprises(more)
-        simpler = before.sum() - after.sum() > before.max(initial=0.0) + LEAST
+        simpler = before.sum() - after.sum() > before.max(initial=0.0) + MIN_EVIDENCE
         fall, error = in_free_runs(self.problem, less, more)
-        return bool(simpler) or fall > max(FREE, NOTED * error)
+        return bool(simpler) or fall > max(MIN_SCORE_FALL, MIN_SCORE_FALL_ERRORS * error)
 
     def _odds(self, name: str) -> float:
         return self.odds.get(name, self.odds.get(effect_class(name).slug, 0.0))
@@ -475,25 +499,27 @@ class Search:
 
         Another one is no less likely than a cause that it makes superfluous.
         """
-        least = -LEAST - max(map(self._odds, now.causes)) - EQUAL
+        least = -MIN_EVIDENCE - max(map(self._odds, now.causes)) - EQUAL_EVIDENCE
         for some, name, axis, free in self._merges.get(frozenset(now.causes), ()):
             causes = self.problem.free_without(now.causes, *some)
-            other = Model(begun(self.problem, axis, free, now.fit), (*causes, name))
-            if self.over(other, now) > 0.5 * EQUAL:
+            other = Model(fit_beside(self.problem, axis, free, now.fit), (*causes, name))
+            if self.over(other, now) > 0.5 * EQUAL_EVIDENCE:
                 return self.pruned(other)
-        for name in sorted(now.worth, key=now.worth.__getitem__)[:EXCHANGED]:
+        for name in sorted(now.worth, key=now.worth.__getitem__)[:MAX_EXCHANGED_CAUSES]:
             less = now.less[name]
             rivals = self._rivals(less, name)
             for row in self.round(less, now.fit, rivals) if rivals else ():
                 causes = (*less.causes, *row.names)
-                same = {*causes} == {*now.causes} or len(causes) > MOST
+                same = {*causes} == {*now.causes} or len(causes) > MAX_CAUSES
                 if same or row.reason or self.over(Model(row.fit, causes), now) < least:
                     continue
                 other = self.pruned(Model(row.fit, causes))
                 if {*other.causes} == {*now.causes}:
                     continue
                 gain = self.over(other, now)
-                if gain > 0.5 * EQUAL or (gain > -EQUAL and _simpler_set(other, now)):
+                if gain > 0.5 * EQUAL_EVIDENCE or (
+                    gain > -EQUAL_EVIDENCE and _simpler_set(other, now)
+                ):
                     return other
         return now
 
@@ -523,7 +549,7 @@ class Search:
 
     def over(self, one: Model, other: Model) -> float:
         """Evidence for a model over another, net of the causes of both."""
-        costs = [sum(LEAST + self._odds(c) for c in m.causes) for m in (one, other)]
+        costs = [sum(MIN_EVIDENCE + self._odds(c) for c in m.causes) for m in (one, other)]
         return evidence(other.fit, one.fit, ()) - costs[0] + costs[1]
 
     def alternatives(self, now: Model) -> dict[str, dict[str, Solution]]:
@@ -537,7 +563,7 @@ class Search:
                 r.names[0]: r.fit
                 for r in rows
                 if len(r.names) == 1 and r.names[0] != name and not r.reason
-                and r.fit.cost < now.fit.cost + EQUAL and len(r.free) <= count + 1
+                and r.fit.cost < now.fit.cost + EQUAL_EVIDENCE and len(r.free) <= count + 1
             }  # fmt: skip
         return found
 
@@ -545,7 +571,7 @@ class Search:
 def _doing_as_much(left: dict[str, float], mine: float) -> set[str]:
     """Effects that explain most of what one does and leave about as little of the force."""
     whole = left.pop("")
-    enough = min(_AS_LITTLE * mine, whole - _AS_MUCH * (whole - mine))
+    enough = min(_MAX_SQUARES_RATIO * mine, whole - _MIN_EXPLAINED_FRACTION * (whole - mine))
     return {name for name, one in left.items() if one <= enough}
 
 
@@ -578,12 +604,12 @@ def _simpler_set(one: Model, other: Model) -> bool:
     return sizes[0] < sizes[1]
 
 
-def _simpler(one: Row, other: Row) -> bool:
+def _simpler(one: FittedProposal, other: FittedProposal) -> bool:
     """Whether a row has fewer parameters than another and fits as well."""
     fewer = len(one.fit.problem.names) < len(other.fit.problem.names)
     return fewer and one.fit.cost <= other.fit.cost
 
 
-def _assumptions(row: Row) -> tuple[int, float, float]:
+def _assumptions(row: FittedProposal) -> tuple[int, float, float]:
     rank = max(effect_class(n).rank for n in row.names)
     return len(row.fit.problem.names), rank, -row.evidence

@@ -23,24 +23,33 @@ from dryfric_control.records.motion import latest
 from dryfric_control.records.record import Record
 from dryfric_control.ties import NEAR, above, samples
 
-# Length of the free runs [s], and their least number of samples.
-_WINDOW, _FEWEST = 0.25, 20
-# Closed-loop bandwidth times the sampling time, and largest bandwidth [rad/s].
-_PACE, _BRISK = 0.03, 30.0
+# Length of the free runs [s].
+_WINDOW_LENGTH = 0.25
+# Least number of samples of a free run.
+_MIN_WINDOW_SAMPLES = 20
+# Closed-loop bandwidth times the sampling time [rad].
+_BANDWIDTH_TIMES_STEP = 0.03
+# Largest closed-loop bandwidth [rad/s].
+_MAX_BANDWIDTH = 30.0
 # Fractions of an excitation's size that are tried until it keeps the limits.
 _SIZES = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
 # Number of windows of the known record that constrain a refit.
-_HOLDING = 16
-# Difference step of a search coordinate (of order 1), and largest step of the refit.
-_STEP, _REACH = 1e-4, 0.5
+_KNOWN_WINDOWS = 16
+# Difference step of a search coordinate (of order 1).
+_DIFFERENCE_STEP = 1e-4
+# Largest step of a search coordinate in an iteration of the refit.
+_MAX_STEP = 0.5
 # A refit may weaken an effect to this fraction of its strength, or strengthen it as much:
 # beyond, it is no longer the same rival. Its position may change freely.
-_STRENGTH = 0.7
-# Number of steps in which the scale of the errors falls to the quantum, and of iterations
-# at each; fractions of a step that are tried; ridge of the normal matrix, over the mean of
-# its diagonal.
-_NARROWINGS, _EACH = 4, 2
-_PARTS, _RIDGE = (1.0, 0.4, 0.1), 1e-9
+_MIN_STRENGTH_RATIO = 0.7
+# Number of scales of the errors, from the first error down to the quantum.
+_SCALE_COUNT = 4
+# Iterations at each scale.
+_ITERATIONS_PER_SCALE = 2
+# Fractions of a step that are tried until one lowers the loss.
+_STEP_FRACTIONS = (1.0, 0.4, 0.1)
+# Ridge of the normal matrix, over the mean of its diagonal.
+_RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +111,9 @@ def simulate(
         run = simulate_loop(axis, loop, reference, quantum, x0=begin, disturbance=force)
     x, v, mode = run.y[0].copy(), run.y[1].copy(), run.y[3]
     u, dt = run.y[4] + force, loop.dt
-    length = max(min(samples(_WINDOW, dt), x.size // 4), min(_FEWEST, x.size // 4))
+    length = max(
+        min(samples(_WINDOW_LENGTH, dt), x.size // 4), min(_MIN_WINDOW_SAMPLES, x.size // 4)
+    )
     count = x.size // length
     starts = length * np.arange(count)
     rest = (dt * (np.arange(x.size) - latest(mode != 0.0, -1) - 1))[starts] * (mode[starts] == 0.0)
@@ -128,7 +139,7 @@ def staged(
 ) -> Staged | None:
     """An excitation at the largest size that keeps the limits with every hypothesis, if any."""
     limits, changed = stage.limits, tuple(excitation.changed(stage, axis) for axis in axes)
-    bandwidth = min(_PACE / dt, _BRISK)
+    bandwidth = min(_BANDWIDTH_TIMES_STEP / dt, _MAX_BANDWIDTH)
     gains = PositionController.from_bandwidth(stage.axis, bandwidth, dt, limits.drive)
     for size in _SIZES:
         reference, force = excitation.at(stage, size)
@@ -159,7 +170,7 @@ class Refit:
         """Refit of the base and all effects of an axis, with some windows of a record."""
         names = [n for n in BASE.values() if values_of(axis, [n])[0] > 0.0]
         names += [n for effect in axis.named_effects() for n in own_names(effect)]
-        windows = cut(record, min(_WINDOW, max(record.duration / 8.0, 5.5 * record.dt)))
+        windows = cut(record, min(_WINDOW_LENGTH, max(record.duration / 8.0, 5.5 * record.dt)))
         length, last = int(windows.samples[0]), int(windows.samples[-1])
         count = len(windows) - (last < length)
         starts = windows.edges[:count]
@@ -167,7 +178,7 @@ class Refit:
         moving = np.flatnonzero(above(reach, 4.0 * quantum, NEAR * record.range))
         active = np.zeros(count, bool)
         if moving.size:
-            active[moving[np.linspace(0, moving.size - 1, _HOLDING).astype(int)]] = True
+            active[moving[np.linspace(0, moving.size - 1, _KNOWN_WINDOWS).astype(int)]] = True
         states = (one[:count] for one in (windows.x0, windows.v0, windows.rest))
         windowed = _windowed(record.u, record.dt, length, *states)
         known = Runs(windowed._replace(known=record.known_force), active, np.empty(0))
@@ -203,10 +214,12 @@ class Refit:
             return mean_squares(trial.errors(staged.axes[0]))
         least, found = loss(e, self.quantum), mean_squares(e[0])
         widest = max(float(np.sqrt(found.mean())), self.quantum)
-        for scale in np.repeat(np.geomspace(widest, self.quantum, _NARROWINGS), _EACH).tolist():
+        for scale in np.repeat(
+            np.geomspace(widest, self.quantum, _SCALE_COUNT), _ITERATIONS_PER_SCALE
+        ).tolist():
             now = flat(e)
             j = np.zeros((z.size, now.size))
-            for i, step in enumerate(_STEP * np.eye(z.size)):
+            for i, step in enumerate(_DIFFERENCE_STEP * np.eye(z.size)):
                 for way in (step, -step):
                     moved = errors(z + way)
                     if moved is not None:
@@ -217,9 +230,9 @@ class Refit:
             normal = (j * weight) @ j.T
             normal += _RIDGE * (np.trace(normal) / z.size + 1e-300) * np.eye(z.size)
             step = -np.linalg.solve(normal, (j * weight) @ now)
-            step *= min(1.0, _REACH / max(float(np.abs(step).max()), 1e-300))
+            step *= min(1.0, _MAX_STEP / max(float(np.abs(step).max()), 1e-300))
             here = loss(e, scale)
-            for part in _PARTS:
+            for part in _STEP_FRACTIONS:
                 target = np.clip(z + part * step, first - reach, first + reach)
                 there = errors(target)
                 if there is not None and loss(there, scale) < here:
@@ -235,4 +248,4 @@ def _freedom(parameter: Parameter, search: float) -> float:
     if "." not in parameter.name or parameter.kind in ("place", "angle"):
         return np.inf
     value = parameter.value(search)
-    return (1.0 - _STRENGTH) * abs(value - parameter.neutral) / parameter.slope(value)
+    return (1.0 - _MIN_STRENGTH_RATIO) * abs(value - parameter.neutral) / parameter.slope(value)

@@ -14,7 +14,14 @@ from dryfric_control.arrays import Bools, Floats
 from dryfric_control.diagnosis.evidence import where
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.report.findings import Gain, Unexplained
-from dryfric_control.diagnosis.thresholds import EXCESS, REPLAYED, REPLAYS, SMOOTH, STRAY, WORSE
+from dryfric_control.diagnosis.thresholds import (
+    MAX_ERROR_RATIO,
+    MAX_EXCESS_SCORE,
+    MAX_OUTLIER_FRACTION,
+    MAX_REPLAYED_WINDOWS,
+    MAX_WHITE_RESIDUAL_RATIO,
+    REPLAY_COUNT,
+)
 from dryfric_control.estimation.input_noise import before_rounding
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.uncertainty import ratio_interval
@@ -25,13 +32,13 @@ from dryfric_control.records.resolution import QUANTA
 
 # A window is an outlier if its score exceeds the worst of its replays by this much: errors
 # about 1.7 times as large as any that noise caused.
-_BEYOND = 1.0
+_OUTLIER_MARGIN = 1.0
 # Random force, over that of an input's rounding, below which the rounding does not act.
-_ACTS = 0.5
+_MIN_FORCE_TO_ROUNDING = 0.5
 # RMS error over that of a usual replay from which something is left to find.
-_SEVERAL = 4.0
+_MAX_RMS_RATIO = 4.0
 # Standard errors from the smoothed readings beyond which a start state is no estimate.
-_LOST = 5.0
+_MAX_START_ERRORS = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +63,16 @@ class Floor:
 
     def outliers(self, scores: Floats, active: Bools) -> Bools:
         """Windows whose score clearly exceeds that of every replay."""
-        return np.asarray(active & (scores > self.worst + _BEYOND))
+        return np.asarray(active & (scores > self.worst + _OUTLIER_MARGIN))
 
     def reached(self, scores: Floats, active: Bools) -> bool:
         """Whether scores of a record are consistent with noise, in their tail and their mean."""
         # Some windows may be outliers, as a breakaway may lie at the edge of a sample.
         out = self.outliers(scores, active)
-        if out.sum() > max(2, STRAY * active.sum()):
+        if out.sum() > max(2, MAX_OUTLIER_FRACTION * active.sum()):
             return False
         excess, spread = self.excess(scores, active & ~out)
-        return bool(excess < max(EXCESS, 4.0 * spread))
+        return bool(excess < max(MAX_EXCESS_SCORE, 4.0 * spread))
 
     def excess(self, scores: Floats, active: Bools) -> tuple[float, float]:
         """Mean score above the replays' mean, and its standard error."""
@@ -91,12 +98,12 @@ def far_above(found: Sequence[Floats], squares: Sequence[Floats]) -> bool:
 
     A few windows may err beyond all of them, but not several times the usual RMS error.
     """
-    beyond = math.exp(_BEYOND)
+    beyond = math.exp(_OUTLIER_MARGIN)
     above = [
         np.maximum(one - beyond * replays.max(axis=0, initial=0.0), 0.0)
         for one, replays in zip(found, squares, strict=True)
     ]
-    return bool(np.sqrt(np.concatenate(above).mean()) > _SEVERAL * usual_rms(squares))
+    return bool(np.sqrt(np.concatenate(above).mean()) > _MAX_RMS_RATIO * usual_rms(squares))
 
 
 def noise_floor(
@@ -119,12 +126,12 @@ def noise_floor(
     record, thorough = w.record, force == 0.0
     step = record.input_quantum  # an input that was recorded in steps acted in between them
     # A random force far below the rounding tells that the drive acts in these steps.
-    if 0.0 < force < _ACTS * step / QUANTA:
+    if 0.0 < force < _MIN_FORCE_TO_ROUNDING * step / QUANTA:
         step = 0.0
     force = math.sqrt(max(force**2 - (step / QUANTA) ** 2, 0.0))
     acted = before_rounding(record.u, step, np.random.default_rng(seed + 1))
     # A run that is lost may start where no reading allows it; the machine did not.
-    far = np.hypot(at.starts[0] / w.x0_error, at.starts[1] / w.v0_error) > _LOST
+    far = np.hypot(at.starts[0] / w.x0_error, at.starts[1] / w.v0_error) > _MAX_START_ERRORS
     begun = np.where(far, 0.0, at.starts[:2])
     scores, squares = [], []
     for truth in truths:
@@ -192,7 +199,7 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
     squares: list[list[Floats]] = [[], [], []]
     replays: list[Floats] = []
     structured, places = False, list[str]()
-    drawn = final.drawn(REPLAYS)
+    drawn = final.drawn(REPLAY_COUNT)
     for i, w in enumerate(windows):
         active = np.zeros(len(w), bool)
         moving = np.flatnonzero(w.moving)
@@ -200,8 +207,8 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
             moving = moving[moving > 0]  # an inner state is unknown where the record starts
         if not moving.size:
             continue
-        if moving.size > REPLAYED:
-            moving = moving[np.linspace(0, moving.size - 1, REPLAYED).astype(int)]
+        if moving.size > MAX_REPLAYED_WINDOWS:
+            moving = moving[np.linspace(0, moving.size - 1, MAX_REPLAYED_WINDOWS).astype(int)]
         active[moving] = True
         # The gain is of parameters fitted without the half of the record that a window is in.
         before = w.evaluate(problem.believed, active)
@@ -232,7 +239,9 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
     nominal, there, noise = (math.sqrt(float(np.median(row))) for row in rows)
     # A single window with a mistimed breakaway may give the RMS its size.  Errors that grow for
     # certain are no noise, however large the model says that it is.
-    worse = there > max(WORSE * nominal, noise) or gain.interval[1] < 1.0 / WORSE
+    worse = (
+        there > max(MAX_ERROR_RATIO * nominal, noise) or gain.interval[1] < 1.0 / MAX_ERROR_RATIO
+    )
     return Judged(gain, left, worse)
 
 
@@ -261,9 +270,9 @@ def _imposed(problem: Problem, final: Solution) -> Judged:
                 if run.active[a:b].any():
                     row.append(float(np.sum(one[a:b] ** 2 * there[a:b]) / run.active[a:b].sum()))
     gain = _gain([np.array(row) for row in blocks], problem.believed.units[1])
-    structured = gain.after > SMOOTH * gain.floor
+    structured = gain.after > MAX_WHITE_RESIDUAL_RATIO * gain.floor
     left = Unexplained(gain.left if structured else 0.0, structured, ())
-    return Judged(gain, left, gain.interval[1] < 1.0 / WORSE)
+    return Judged(gain, left, gain.interval[1] < 1.0 / MAX_ERROR_RATIO)
 
 
 def _gain(squares: Sequence[Floats], unit: str) -> Gain:

@@ -18,15 +18,20 @@ from dryfric_control.model.friction_curve import net_force
 from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
 
-# Number of samples used by a regression for the start of a fit, more do not change it
-# (`benchmarks/identification.py coverage`), and of those that show the force that is missing.
-_ENOUGH, _ENOUGH_TO_SEE = 5000, 4000
-# The force that is missing: largest acceleration noise, over Coulomb level / mass, and longest
-# smoothing to reach it [samples].
-_NOISE, _LONGEST = 0.02, 81
+# Number of samples used by a regression for the start of a fit; more do not change it
+# (`benchmarks/identification.py coverage`).
+_REGRESSION_SAMPLES = 5000
+# Number of samples that show the force that is missing.
+_DISPLAY_SAMPLES = 4000
+# Largest acceleration noise of the force that is missing, over Coulomb level / mass.
+_MAX_ACCELERATION_NOISE = 0.02
+# Longest smoothing to reach it [samples].
+_MAX_SMOOTHING = 81
 # Difference step of the drive, over its standard deviation, for the sensitivity of the force
-# to the drive, and lower bound of that sensitivity.
-_STEP, _ANSWERS = 1e-3, 1e-6
+# to the drive.
+_DRIVE_STEP = 1e-3
+# Lower bound of that sensitivity.
+_MIN_SENSITIVITY = 1e-6
 
 
 class Sliding:
@@ -75,9 +80,9 @@ class Sliding:
 
     def answer_to_drive(self, axis: FrictionAxis) -> Floats:
         """Sensitivity of the force on the mass to the drive in these states, shape (n,)."""
-        step = _STEP * (float(np.std(self.u)) or 1.0)
+        step = _DRIVE_STEP * (float(np.std(self.u)) or 1.0)
         low, high = (self._force(axis, self.u + d, self.direction) for d in (-step, step))
-        return np.maximum((high - low) / (2.0 * step), _ANSWERS)
+        return np.maximum((high - low) / (2.0 * step), _MIN_SENSITIVITY)
 
 
 def _held_mean(force: Floats, kernel: Floats | None) -> Floats:
@@ -98,14 +103,14 @@ class Residual(Sliding):
         middle = 0.5 * float(record.x.min() + record.x.max())
         levels = [axis.coulomb(np.array([middle]), s)[0] for s in (1, -1)]
         level = max(0.5 * float(np.sum(np.abs(levels))), 1e-3 * float(np.std(record.u)))
-        size = _quiet(record, _NOISE * level / axis.mass)
-        super().__init__(record, _ENOUGH_TO_SEE, size, smooth_drive=True)
+        size = _quiet(record, _MAX_ACCELERATION_NOISE * level / axis.mass)
+        super().__init__(record, _DISPLAY_SAMPLES, size, smooth_drive=True)
         self.residual = self.force_residual(axis)
 
 
 def _quiet(record: Record, allowed: float) -> int:
     """Shortest smoothing window whose acceleration noise is allowed [samples]."""
-    longest = min(_LONGEST, ((len(record) - 1) // 4) | 1)
+    longest = min(_MAX_SMOOTHING, ((len(record) - 1) // 4) | 1)
     for size in range(7, longest, 2):
         gain = float(np.linalg.norm(savgol_coeffs(size, 3, deriv=2, delta=record.dt)))
         if gain * record.noise < allowed:
@@ -148,7 +153,7 @@ def at_the_mass(
 
 def force_start(problem: Likelihood, z: Floats, records: Sequence[Record]) -> Floats:
     """Search coordinates that explain the drive of sliding samples, others as in z."""
-    parts = [Sliding(r, _ENOUGH // len(records)) for r in records]
+    parts = [Sliding(r, _REGRESSION_SAMPLES // len(records)) for r in records]
     count = sum(p.t.size for p in parts)
     if count < 10 * z.size:
         return z

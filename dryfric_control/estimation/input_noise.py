@@ -12,26 +12,28 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from dryfric_control.arrays import Floats
 from dryfric_control.records.resolution import QUANTA
 
-# Windows [samples], each about 1.4 times the one before, and order of the local polynomials: of
-# the fourth they bend little of an input, where parabolas seem to delay it.
-_WINDOWS, _ORDER = (9, 13, 17, 25, 33, 49, 65, 97, 129, 193, 257), 4
+# Windows of the local polynomials [samples], each about 1.4 times the one before.
+_WINDOWS = (9, 13, 17, 25, 33, 49, 65, 97, 129, 193, 257)
+# Order of the local polynomials: of the fourth they bend little of an input, where parabolas seem
+# to delay it.
+_POLYNOMIAL_ORDER = 4
 # Standard deviations by which noise hardly ever exceeds: what is farther off is no noise.
-_SURELY = 3.0
+_MAX_NOISE_DEVIATIONS = 3.0
 # Median size of a second difference of white noise with unit variance.
-_MEDIAN = 0.6745 * math.sqrt(6.0)
+_MEDIAN_SECOND_DIFFERENCE = 0.6745 * math.sqrt(6.0)
 # Half width of the intervals, in standard errors, where what is taken off is rounding.
-_ROUNDED = 1.5
+_ROUNDING_WIDTH = 1.5
 
 
 def noise_of(u: Floats) -> float:
     """Standard deviation of the white noise of an input, by its second differences."""
-    return float(np.median(np.abs(np.diff(u, 2)))) / _MEDIAN
+    return float(np.median(np.abs(np.diff(u, 2)))) / _MEDIAN_SECOND_DIFFERENCE
 
 
 def without_noise(u: Floats, width: float) -> Floats:
     """Input without the white noise recorded with it; intervals of `width` standard errors."""
     noise = noise_of(u)
-    return _smoothed(u, noise, width, _SURELY * noise) if width > 0.0 else u
+    return _smoothed(u, noise, width, _MAX_NOISE_DEVIATIONS * noise) if width > 0.0 else u
 
 
 def before_rounding(u: Floats, quantum: float, rng: np.random.Generator) -> Iterator[Floats]:
@@ -42,7 +44,7 @@ def before_rounding(u: Floats, quantum: float, rng: np.random.Generator) -> Iter
     """
     if quantum == 0.0:
         yield from itertools.repeat(u)
-    smooth = _smoothed(u, quantum / QUANTA, _ROUNDED, 0.5 * quantum)
+    smooth = _smoothed(u, quantum / QUANTA, _ROUNDING_WIDTH, 0.5 * quantum)
     while True:
         steps = (smooth - rng.uniform(0.0, quantum)) / quantum
         yield u + quantum * (steps - np.round(steps))
@@ -58,8 +60,8 @@ def _smoothed(u: Floats, noise: float, width: float, surely: float) -> Floats:
     low, high = u - surely, u + surely
     found, agree = u, np.ones(u.size, bool)
     for n in (n for n in _WINDOWS if n <= u.size):
-        smooth = savgol_filter(u, n, _ORDER)
-        error = width * noise * float(np.linalg.norm(savgol_coeffs(n, _ORDER)))
+        smooth = savgol_filter(u, n, _POLYNOMIAL_ORDER)
+        error = width * noise * float(np.linalg.norm(savgol_coeffs(n, _POLYNOMIAL_ORDER)))
         low, high = np.maximum(low, smooth - error), np.minimum(high, smooth + error)
         agree &= low <= high
         found = np.where(agree, smooth, found)

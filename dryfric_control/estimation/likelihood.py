@@ -47,49 +47,60 @@ IndexArray = NDArray[np.intp]
 #: Base parameters, which have a prior unless they are known.
 BASE = ("mass", "viscous", "coulomb")
 #: Prior standard deviation of a base parameter's logarithm: a factor of 2 is two standard
-#: deviations.  MOST is the largest factor by which a mass may be off.
-BOLD = 0.5 * math.log(2.0)
-MOST = 4.0
-LIGHTEST = 30.0
+#: deviations.
+BASE_LOG_DEVIATION = 0.5 * math.log(2.0)
+#: Ratio of a mass to its nominal value: upper bound.
+MAX_MASS_RATIO = 4.0
+#: Ratio of the nominal value of a mass to that mass: upper bound.
+MAX_MASS_REDUCTION = 30.0
 # Fraction of a nominal value below which the prior changes from logarithmic to linear, as
 # values may be zero.
-_OFFSET = 0.1
-# Cost of a wrong base parameter in the search for causes: _WONDER log(1 + (relative change /
-# _SPREAD)^2). A few per cent cost little; where several are wrong, none of them counts as known.
-_WONDER, _SPREAD = 2.0, 0.02
+_LINEAR_PRIOR_BELOW = 0.1
+# Factor of the cost of a wrong base parameter in the search for causes, log(1 + (relative change /
+# _NOMINAL_DEVIATION)^2).  A few per cent cost little; where several are wrong, none of them counts
+# as known.
+_NOMINAL_ERROR_WEIGHT = 2.0
+# Relative change of a base parameter from which it costs notably.
+_NOMINAL_DEVIATION = 0.02
 #: Log-likelihood that an assumption costs: a cause, or that all nominal values are wrong.
-ASSUMPTION = 6.0
+ASSUMPTION_COST = 6.0
 # Length of the blocks over which scores are summed for standard errors [s].
-_BLOCK = 0.5
+_BLOCK_LENGTH = 0.5
 #: Ratio of the variance found by Student's t with 4 degrees of freedom to the true one, for
 #: normal innovations.
-NORMAL = 0.6516
-# Difference step for slopes: initial value, later value in standard errors, and its limits.
-_STEP, _STEP_ERRORS, _STEPS = 1e-3, 0.5, (1e-7, 1e-2)
+NORMAL_VARIANCE_RATIO = 0.6516
+# Difference step of a search coordinate for slopes: initial value.
+_FIRST_STEP = 1e-3
+# The same later [standard errors].
+_STEP_ERRORS = 0.5
+# Its lower and upper bound.
+_STEP_LIMITS = (1e-7, 1e-2)
 # Shortest length over which a force may change, in encoder increments: below, readings do not
 # show it, and it takes endless steps.
-_FINEST = 0.1
+_MIN_LENGTH_INCREMENTS = 0.1
 #: Largest step of a search coordinate of order 1.
-REACH = 0.7
-# The same in standard errors, for one that is poorly determined; and of the logarithm of a noise
-# variance.
-_REACH_ERRORS, NOISE_REACH = 2.0, 3.0
+MAX_STEP = 0.7
+# Largest step of a search coordinate that is poorly determined [standard errors].
+_MAX_STEP_ERRORS = 2.0
+#: Largest step of the logarithm of a noise variance.
+MAX_NOISE_STEP = 3.0
 # Lower bound of the ratio of the cost's curvature to the information, for a noise.
-_NOISE_BENT = 0.15
+_MIN_NOISE_CURVATURE = 0.15
 # Difference step of the logarithm of a noise variance.
 _NOISE_STEP = 0.05
 # Allowed integration error of the velocity, over the effect of the random force in one sample.
-_HIDDEN = 0.05
+_INTEGRATION_ERROR_RATIO = 0.05
 # Factor by which an elastic part that is too stiff already may become stiffer.
-_STIFFER = 1.5
+_MAX_STIFFENING = 1.5
 # Bounds of the standard deviation of the random force, over the RMS drive.
-_FORCE = (1e-5, 10.0)
+_RANDOM_FORCE_LIMITS = (1e-5, 10.0)
 
 
-# Effects that are no force on the mass of a sliding axis, those of them that shift the drive in
-# time, and the numbers of an effect without a state of its own.
-_NO_FORCE = ("delay", "lag", "contact", "transmission", "reading")
-_LATE = ("delay", "lag")
+# Actions of effects that are no force on the mass of a sliding axis.
+_FORCELESS_ACTIONS = ("delay", "lag", "contact", "transmission", "reading")
+# Those of them that shift the drive in time.
+_TIMING_ACTIONS = ("delay", "lag")
+# Numbers of an effect without a state of its own.
 _RIGID = Inner()
 
 
@@ -128,7 +139,7 @@ class Run:
 
 
 def prepare(
-    record: Record, active: BoolArray | None = None, block: float = _BLOCK, mass: float = 0.0
+    record: Record, active: BoolArray | None = None, block: float = _BLOCK_LENGTH, mass: float = 0.0
 ) -> Run:
     """A record prepared for the filter; all samples active by default, `block` in s.
 
@@ -142,7 +153,7 @@ def prepare(
         w = record.channels["v"]
         cell, span = estimated_quantum(w) or 0.0, float(np.ptp(w))
         noise = spread_of(w, cell)
-    floor = max(cell**2 / 12.0 * NORMAL, (1e-9 * span) ** 2)
+    floor = max(cell**2 / 12.0 * NORMAL_VARIANCE_RATIO, (1e-9 * span) ** 2)
     scales = typical([record])
     moving = mass * scales.length / scales.time**2
     drive = max(float(np.sqrt(np.mean(record.u**2))), moving) or 1.0
@@ -224,7 +235,7 @@ class Likelihood:
         self.first = hold == "first"
         tolerance = dict(tolerance or {})
         believed = (believed or axis).effective()
-        self._stiffest = [max(1.0, _STIFFER * stiffness(believed, r.dt)) for r in records]
+        self._stiffest = [max(1.0, _MAX_STIFFENING * stiffness(believed, r.dt)) for r in records]
         self.parameters: list[Parameter] = []
         self.place: list[int] = []  # record of a parameter, -1: all
         for p in found:
@@ -233,20 +244,46 @@ class Likelihood:
                 self.place.append(i)
         names = [p.name for p in self.parameters]
         self.names = names
-        # For every parameter with a prior: nominal value, standard deviation of the logarithm,
-        # and whether a change costs as an assumption does.
-        self.beliefs: dict[int, tuple[float, float, bool]] = {}
+        self.beliefs = self._prior_numbers(believed, tolerance, priors, wonder)
+        n = len(names)
+        self.size = n + 2 * len(runs)
+        self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        self._bound_parameters()
+        # Parameters that do not act as a force on the mass of a sliding axis.
+        forceless = {n for n, e in named(axis).items() if e.action in _FORCELESS_ACTIONS}
+        self.late = {n for n in names if n == SHIFT or n.partition(".")[0] in forceless}
+        self._bound_noises()
+        self.steps = np.concatenate((np.full(n, _FIRST_STEP), np.full(2 * len(runs), _NOISE_STEP)))
+        # Curvature of the cost along each coordinate, from its last slopes.
+        self.bends = np.full(self.size, np.nan)
+        # Applies a function to coordinates that do not depend on each other, in threads if any.
+        self.map: Callable[..., Iterable[Any]] = map
+
+    def _prior_numbers(
+        self,
+        believed: FrictionAxis,
+        tolerance: Mapping[str, float],
+        priors: Sequence[str],
+        wonder: bool,
+    ) -> dict[int, tuple[float, float, bool]]:
+        """Numbers of the prior of each parameter that has one, by its coordinate.
+
+        Nominal value, standard deviation of the logarithm, and whether a change costs as an
+        assumption does.
+        """
+        found = {}
         for j, p in enumerate(self.parameters):
             if p.name not in (*priors, *tolerance):
                 continue
             value = float(values_of(believed, [p.name])[0])
             if value != 0.0:
                 # An amount of an effect may have either sign.
-                spread = tolerance.get(p.name, BOLD if p.name in BASE else math.inf)
-                self.beliefs[j] = (value, spread, wonder and p.name not in tolerance)
-        n = len(names)
-        self.size = n + 2 * len(runs)
-        self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+                spread = tolerance.get(p.name, BASE_LOG_DEVIATION if p.name in BASE else math.inf)
+                found[j] = (value, spread, wonder and p.name not in tolerance)
+        return found
+
+    def _bound_parameters(self) -> None:
+        """Bound the coordinates of the parameters."""
         for j, p in enumerate(self.parameters):
             if p.low > -np.inf:
                 self.low[j] = p.search(p.low)
@@ -254,27 +291,18 @@ class Likelihood:
                 self.high[j] = p.search(p.high)
             if p.name == "mass" and j in self.beliefs:
                 value, spread, _ = self.beliefs[j]
-                most = max(MOST, math.exp(min(4.0 * spread, 6.0)))
-                least = 1.0 / max(most, LIGHTEST)
+                most = max(MAX_MASS_RATIO, math.exp(min(4.0 * spread, 6.0)))
+                least = 1.0 / max(most, MAX_MASS_REDUCTION)
                 self.low[j], self.high[j] = (p.search(value * f) for f in (least, most))
-        # Parameters that do not act as a force on the mass of a sliding axis.
-        effects = named(axis)
-        self.late = {
-            n for n in names
-            if n == SHIFT or ("." in n and effects[n.partition(".")[0]].action in _NO_FORCE)
-        }  # fmt: skip
-        self._bound_noises()
-        self.steps = np.concatenate((np.full(n, _STEP), np.full(2 * len(runs), _NOISE_STEP)))
-        # Curvature of the cost along each coordinate, from its last slopes.
-        self.bends = np.full(self.size, np.nan)
-        # Applies a function to coordinates that do not depend on each other, in threads if any.
-        self.map: Callable[..., Iterable[Any]] = map
 
     def _bound_noises(self) -> None:
+        """Bound the coordinates of the noises."""
         n = len(self.names)
         for i, run in enumerate(self.runs):
             a, b = n + 2 * i, n + 2 * i + 1
-            self.low[a], self.high[a] = (2.0 * math.log(f * run.drive) for f in _FORCE)
+            self.low[a], self.high[a] = (
+                2.0 * math.log(f * run.drive) for f in _RANDOM_FORCE_LIMITS
+            )
             self.low[b] = math.log(run.floor)
             self.high[b] = 2.0 * math.log(max(run.span, 1e-12))
 
@@ -335,11 +363,16 @@ class Likelihood:
         if stiffness(axis, record.dt) > self._stiffest[i]:
             raise ValueError("an elastic part far too stiff to be seen at this sampling time")
         finest = min((e.shortest_length for e in axis.effects), default=math.inf)
-        if finest < _FINEST * record.resolution.step:
+        if finest < _MIN_LENGTH_INCREMENTS * record.resolution.step:
             raise ValueError("a force that repeats within a part of an increment")
         force, reading = self.noises(z, i)
         # Integration errors far below the effect of the random force do not matter.
-        hidden = _HIDDEN * math.sqrt(force) * record.dt * inverse_masses(axis, record.dt)
+        hidden = (
+            _INTEGRATION_ERROR_RATIO
+            * math.sqrt(force)
+            * record.dt
+            * inverse_masses(axis, record.dt)
+        )
         numbers[ALLOWED] = numbers[arrays.integers[N_NUMBERS] + ALLOWED] = hidden
         u = shifted(run.u, self._values(z, i).get(SHIFT, self.shift) / record.dt)
         # One type of array, whether shifted or not: the filter is compiled for each.
@@ -390,21 +423,21 @@ class Likelihood:
     def prior_terms(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Prior cost with its gradient and curvature, each shape (ncoordinates,)."""
         total, g, h = 0.0, np.zeros(self.size), np.zeros(self.size)
-        wonders, trusted = doubted(self.surprises(z))
+        wonders, trusted = joint_nominal_error_cost(self.surprises(z))
         for j, (nominal, spread, wonder) in self.beliefs.items():
             p = self.parameters[j]
             value = p.value(z[j])
             ratio = value / nominal
             slope = p.slope(value) / nominal
             if spread < math.inf:
-                off = math.log((ratio + _OFFSET) / (1.0 + _OFFSET)) / spread
-                by = slope / (ratio + _OFFSET) / spread
+                off = math.log((ratio + _LINEAR_PRIOR_BELOW) / (1.0 + _LINEAR_PRIOR_BELOW)) / spread
+                by = slope / (ratio + _LINEAR_PRIOR_BELOW) / spread
                 total += 0.5 * off * off
                 g[j] += off * by
                 h[j] += by * by
             if wonder:
-                off, by = (ratio - 1.0) / _SPREAD, slope / _SPREAD
-                weight = 2.0 * _WONDER * trusted / (1.0 + off * off)
+                off, by = (ratio - 1.0) / _NOMINAL_DEVIATION, slope / _NOMINAL_DEVIATION
+                weight = 2.0 * _NOMINAL_ERROR_WEIGHT * trusted / (1.0 + off * off)
                 g[j] += weight * off * by
                 h[j] += weight * by * by
         return total + wonders, g, h
@@ -412,7 +445,9 @@ class Likelihood:
     def surprises(self, z: FloatArray) -> FloatArray:
         """Cost of each nominal value that is wrong, as an assumption of its own."""
         wonders = [(j, nominal) for j, (nominal, _, wonder) in self.beliefs.items() if wonder]
-        return wondered(np.array([self.parameters[j].value(z[j]) / one for j, one in wonders]))
+        return nominal_error_cost(
+            np.array([self.parameters[j].value(z[j]) / one for j, one in wonders])
+        )
 
     def _touches(self, j: int) -> list[int]:
         """Records that depend on coordinate j."""
@@ -519,7 +554,7 @@ class Likelihood:
             return False
         run, states = self.runs[i], point.states[i]
         axis = self.axis_at(z, i)
-        if any(e.inner(axis) != _RIGID for e in axis.effects if e.action not in _LATE):
+        if any(e.inner(axis) != _RIGID for e in axis.effects if e.action not in _TIMING_ACTIONS):
             return False
         moved = z.copy()
         moved[j] += self.steps[j] if z[j] + self.steps[j] <= self.high[j] else -self.steps[j]
@@ -559,36 +594,38 @@ class Likelihood:
         part = np.ones(self.size)
         bends, whole = self.bends[n:], np.diag(h)[n:]
         seen = np.isfinite(bends) & (whole > 0.0)
-        part[n:][seen] = np.clip(bends[seen] / whole[seen], _NOISE_BENT, 1.0)
+        part[n:][seen] = np.clip(bends[seen] / whole[seen], _MIN_NOISE_CURVATURE, 1.0)
         return h * np.sqrt(np.outer(part, part))
 
     def reach(self, free: IndexArray, size: FloatArray) -> FloatArray:
         """Largest step of coordinates, in their conditional standard errors 1/size."""
         parameter = free < len(self.names)
         return np.maximum(
-            np.where(parameter, REACH, NOISE_REACH) * size,
-            np.where(parameter, _REACH_ERRORS, 0.0),
+            np.where(parameter, MAX_STEP, MAX_NOISE_STEP) * size,
+            np.where(parameter, _MAX_STEP_ERRORS, 0.0),
         )
 
     def refine(self, h: FloatArray, wider: float = 1.0) -> None:
         """Set the difference steps from the standard errors of the coordinates."""
         n = len(self.names)
         known = 1.0 / np.sqrt(np.maximum(np.diag(h)[:n], 1e-300))
-        self.steps[:n] = np.clip(wider * _STEP_ERRORS * known, *_STEPS)
+        self.steps[:n] = np.clip(wider * _STEP_ERRORS * known, *_STEP_LIMITS)
 
 
-def wondered(ratio: FloatArray) -> FloatArray:
+def nominal_error_cost(ratio: FloatArray) -> FloatArray:
     """Cost of each base parameter, over its nominal value, as an assumption of its own."""
-    return np.asarray(_WONDER * np.log1p(((ratio - 1.0) / _SPREAD) ** 2))
+    return np.asarray(_NOMINAL_ERROR_WEIGHT * np.log1p(((ratio - 1.0) / _NOMINAL_DEVIATION) ** 2))
 
 
-def doubted(surprises: FloatArray) -> tuple[Any, Any]:
+def joint_nominal_error_cost(surprises: FloatArray) -> tuple[Any, Any]:
     """Cost of wrong nominal values together, and the probability that they can be trusted.
 
-    Either each is right but for its own surprise, or none is known to _SPREAD, only to BOLD.  In
-    the last axis: one for each value.
+    Either each is right but for its own surprise, or none is known to _NOMINAL_DEVIATION, only to
+    BASE_LOG_DEVIATION.  In the last axis: one for each value.
     """
     each = surprises.sum(axis=-1)
-    doubt = ASSUMPTION + surprises.shape[-1] * math.log(BOLD / _SPREAD)
+    doubt = ASSUMPTION_COST + surprises.shape[-1] * math.log(
+        BASE_LOG_DEVIATION / _NOMINAL_DEVIATION
+    )
     both = np.logaddexp(-each, -doubt)
     return np.logaddexp(0.0, -doubt) - both, np.exp(-each - both)

@@ -15,23 +15,24 @@ from dryfric_control.records.record import Record
 from dryfric_control.records.record_warning import RecordWarning
 
 # Excursion beyond the travel, as a fraction of its length, that cannot be an overshoot.
-_BEYOND = 0.25
+_MAX_OVERSHOOT = 0.25
 # Ratio of the largest drive to the lowest Coulomb level below which it cannot move the axis.
-_WEAK = 0.5
+_MIN_DRIVE_RATIO = 0.5
 # Ratio of the force that the motion needs, exceeded in 5 % of the samples, to the largest drive
 # beyond which no mass, however wrong, but a unit is off.
-_STRONG = 30.0
-# Natural frequency of a contact, and of a damped transmission, times the sampling time [rad]
-# beyond which they are too stiff: a sample takes dozens of steps. How far a contact yields shows
-# beyond the frequency of the samples, too; how a transmission swings does not.
-_CONTACT, _TRANSMISSION = 30.0, 4.0
+_MAX_FORCE_RATIO = 30.0
+# Natural frequency of a contact times the sampling time [rad] beyond which it is too stiff: a
+# sample takes dozens of steps. How far it yields shows beyond the frequency of the samples, too.
+_MAX_CONTACT_FREQUENCY = 30.0
+# The same of a damped transmission: how that swings does not show beyond this frequency.
+_MAX_TRANSMISSION_FREQUENCY = 4.0
 
 
 def stiffness(axis: FrictionAxis, dt: float) -> float:
     """Rate of the elastic parts over the fastest that samples show; 0 without such parts."""
     rates = elastic_rates(axis, dt)
     turn = rates["transmission"] + rates["damping"]
-    return max(rates["contact"] / _CONTACT, turn / _TRANSMISSION) * dt
+    return max(rates["contact"] / _MAX_CONTACT_FREQUENCY, turn / _MAX_TRANSMISSION_FREQUENCY) * dt
 
 
 def warn_if_implausible(axis: FrictionAxis, record: Record) -> None:
@@ -70,7 +71,7 @@ def _messages(axis: FrictionAxis, record: Record) -> list[str]:
     low, high = float(record.x.min()), float(record.x.max())
     length, force = axis.units
     if axis.travel is not None:
-        room = _BEYOND * (axis.travel[1] - axis.travel[0])
+        room = _MAX_OVERSHOOT * (axis.travel[1] - axis.travel[0])
         if low < axis.travel[0] - room or high > axis.travel[1] + room:
             found.append(
                 f"positions run from {low:.4g} to {high:.4g} {length}, the axis' travel is "
@@ -89,12 +90,12 @@ def _messages(axis: FrictionAxis, record: Record) -> list[str]:
     inertial = np.abs(axis.mass * motion.a + axis.viscous * motion.v)
     needed = float(np.quantile(inertial, 0.95))
     scaled = any(effect.slug == "input_gain" for effect in axis.effects)
-    if not axis.effects and strongest < _WEAK * least:
+    if not axis.effects and strongest < _MIN_DRIVE_RATIO * least:
         found.append(
             f"the drive is at most {strongest:.3g} {force} and moves an axis whose Coulomb level "
             f"is at least {least:.3g} {force}: is u in another unit, such as V or kN (gain=...)?"
         )
-    elif not scaled and needed > _STRONG * strongest:
+    elif not scaled and needed > _MAX_FORCE_RATIO * strongest:
         found.append(
             f"the motion needs about {needed:.3g} {force} for the mass and viscous friction of the "
             f"axis, the drive is at most {strongest:.3g} {force}: is x in another unit, such as mm "

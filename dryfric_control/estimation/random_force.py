@@ -12,24 +12,30 @@ from dryfric_control.arrays import Floats
 from dryfric_control.estimation.likelihood import Run
 from dryfric_control.estimation.solution import Solution
 
-# Samples that are not used for parameters of sliding: within this time of a start or stop of
-# motion [s], and below this fraction of the fast speed (95 % quantile)
-# (`benchmarks/identification.py coverage`).
-_ABOUT, _SLOW, _FAST = 0.01, 0.02, 0.95
+# Time from a start or stop of motion [s] within which samples are not used for parameters of
+# sliding (`benchmarks/identification.py coverage`).
+_SWITCH_TIME = 0.01
+# Speed over the fast speed below which samples are not used either.
+_SLOW_FRACTION = 0.02
+# Quantile of the speed that is the fast speed.
+_FAST_QUANTILE = 0.95
 # Least fraction of the sliding samples that must remain without them.
-_LEFT = 0.3
-# Longest lags of the autocorrelation of the innovations [s], and size at which they are
-# clipped, in standard deviations.
-_LASTING, _LONG_RUN, _LARGEST = 0.025, 1.0, 4.0
+_MIN_SAMPLE_FRACTION = 0.3
+# Longest lag of the autocorrelation of the innovations [s]: where only short correlation matters.
+_SHORT_LAG = 0.025
+# The same for the variance of their long-run mean.
+_LONG_LAG = 1.0
+# Size at which innovations are clipped [standard deviations].
+_MAX_INNOVATION = 4.0
 # Log-likelihood that a random force must bring.
-_LEAST = 6.0
+_MIN_FORCE_GAIN = 6.0
 
 
 def acts(found: Solution, i: int) -> bool:
     """Whether the readings of record i are likelier with a random force than without."""
     problem, without, k = found.problem, found.z.copy(), len(found.problem.names) + 2 * i
     without[k] = problem.low[k]
-    return problem.tried(without).cost > found.cost + _LEAST
+    return problem.tried(without).cost > found.cost + _MIN_FORCE_GAIN
 
 
 def away_from_rest(run: Run, states: Floats) -> Run:
@@ -40,11 +46,11 @@ def away_from_rest(run: Run, states: Floats) -> Run:
     speed = np.abs(states[1])
     if not sliding.any():
         return run
-    clear = ~sliding | (speed > _SLOW * np.quantile(speed[sliding], _FAST))
-    reach = max(1, round(_ABOUT / run.record.dt))
+    clear = ~sliding | (speed > _SLOW_FRACTION * np.quantile(speed[sliding], _FAST_QUANTILE))
+    reach = max(1, round(_SWITCH_TIME / run.record.dt))
     for k in np.flatnonzero(np.diff(states[2]) != 0.0):
         clear[max(0, k - reach + 1) : k + reach + 1] = False
-    if np.sum(clear & sliding) < _LEFT * np.sum(sliding):
+    if np.sum(clear & sliding) < _MIN_SAMPLE_FRACTION * np.sum(sliding):
         return run
     return replace(run, active=run.active & clear)
 
@@ -71,7 +77,7 @@ def _correlated(found: Solution, longest: float) -> Iterator[tuple[Floats, Float
     for run, out, states in zip(found.problem.runs, point.out, point.states, strict=True):
         seen = run.active & (out[1] > 0.0) & (states[2] != 0.0)
         e = np.zeros(seen.size)
-        e[seen] = np.clip(out[0, seen] / np.sqrt(out[1, seen]), -_LARGEST, _LARGEST)
+        e[seen] = np.clip(out[0, seen] / np.sqrt(out[1, seen]), -_MAX_INNOVATION, _MAX_INNOVATION)
         lags = min(max(2, round(longest / run.record.dt)), seen.size // 4)
         yield products(e, lags), products(seen.astype(float), lags)
 
@@ -79,7 +85,7 @@ def _correlated(found: Solution, longest: float) -> Iterator[tuple[Floats, Float
 def lasting(found: Solution) -> float:
     """Ratio of the innovations' low-frequency power to that of white ones, sliding."""
     worst = 0.0
-    for sums, pairs in _correlated(found, _LASTING):
+    for sums, pairs in _correlated(found, _SHORT_LAG):
         correlation = sums / np.maximum(pairs, 1.0)
         weights = 1.0 - np.arange(correlation.size) / correlation.size
         total = correlation[0] + 2.0 * float(weights[1:] @ correlation[1:])
@@ -89,7 +95,7 @@ def lasting(found: Solution) -> float:
 
 def long_run(found: Solution) -> float:
     """Ratio of the long-run variance of innovations while sliding to their variance, at least 1."""
-    rows = list(_correlated(found, _LONG_RUN))
+    rows = list(_correlated(found, _LONG_LAG))
     total = np.zeros((2, max(one.size for one, _ in rows)))
     for row in rows:
         total[:, : row[0].size] += row

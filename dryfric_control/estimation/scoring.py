@@ -5,47 +5,64 @@ from __future__ import annotations
 import itertools
 import math
 import time
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from dryfric_control.arrays import Floats, Ints
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.estimation.likelihood import REACH, Likelihood, Point
+from dryfric_control.estimation.likelihood import MAX_STEP, Likelihood, Point
 from dryfric_control.estimation.solution import Solution
 
-# Predicted fall of the cost below which the search ends, and number of iterations that may bring
-# less; predicted fall above which it has not converged, unless nothing near is lower.
-_PROMISED, _CREEPING, _FAR = 0.05, 2, 1.0
-# Predicted fall below which slopes are central differences, and above which those of forces
-# come from a linear recursion.
-_NEAR, _CLOSE = 3.0, 30.0
-_ITERATIONS = 40
-#: Iterations of a first look, of a fit that compares, and of the last fit.
-FEW, SOME, LAST = 4, 15, 30
+# Predicted fall of the cost below which the search ends.
+_CONVERGED_FALL = 0.05
+# Number of successive iterations that may bring less.
+_MAX_SMALL_STEPS = 2
+# Predicted fall above which the search has not converged, unless nothing near is lower.
+_UNCONVERGED_FALL = 1.0
+# Predicted fall below which slopes are central differences.
+_CENTRAL_DIFFERENCE_FALL = 3.0
+# Usual number of iterations.
+_MAX_ITERATIONS = 40
+#: Iterations of a first fit.
+FIRST_ITERATIONS = 4
+#: Iterations of a fit that compares.
+COMPARISON_ITERATIONS = 15
+#: Iterations of the last fit.
+FINAL_ITERATIONS = 30
 # Factor of the difference steps where the cost is rough.
-_WIDER = 4.0
-# Iterations of the initial search for the noises alone, and the change of their logarithms that
-# ends it.
-_NOISE_TURNS, _NOISE_ENOUGH = 8, 0.3
-# Ratio of actual to predicted fall above which damping is reduced, below which it is raised,
-# and the least damping from which it is raised.
-_TRUSTED, _MISTRUSTED, _DAMPED = 0.6, 0.25, 1e-2
+_WIDE_STEP_FACTOR = 4.0
+# Iterations of the initial search for the noises alone.
+_NOISE_ITERATIONS = 8
+# Change of the logarithm of a noise variance below which that search ends.
+_NOISE_CONVERGED = 0.3
+# Ratio of actual to predicted fall above which damping is reduced.
+_GOOD_FALL_RATIO = 0.6
+# The same below which damping is raised.
+_POOR_FALL_RATIO = 0.25
+# Least damping from which it is raised.
+_MIN_RAISED_DAMPING = 1e-2
 # Lengths of the steps along the principal axes, in standard errors, that are tried where the cost
 # is rough.
-_POLLED = (3.0, 10.0)
-# Random force over the drive at first; its ratio from one to the next; their least number.
-_LOUD, _LOWER, _RUNGS = 0.3, 1.0 / 3.0, 2
+_POLL_LENGTHS = (3.0, 10.0)
+# Continuation over the random force: the first one, over the drive.
+_FIRST_FORCE_RATIO = 0.3
+# Ratio of a random force to the one before.
+_FORCE_REDUCTION = 1.0 / 3.0
+# Least number of random forces.
+_MIN_FORCE_LEVELS = 2
 # Fractions of the random force that are tried where a search ends: the first crosses a ridge of a
 # rough cost.
-_QUIETER = (0.9, 0.5, 0.2, 0.07)
+_FORCE_FRACTIONS = (0.9, 0.5, 0.2, 0.07)
 
 
-def _quieter(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Point]:
+def _lower_random_force(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Point]:
     """A point with as much random force in each record as is best: the cost may have two minima."""
     n, quiet = len(problem.names), z.copy()
     for i, run in enumerate(problem.runs):
         least = compiled.cost(point.out[i], run.active)
-        for part in _QUIETER:
+        for part in _FORCE_FRACTIONS:
             new = z.copy()
             new[n + 2 * i] = max(z[n + 2 * i] + 2.0 * math.log(part), problem.low[n + 2 * i])
             cost = compiled.cost(problem.innovations(new, i)[0], run.active)
@@ -56,7 +73,7 @@ def _quieter(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Poin
 
 def _noises(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Point]:
     """Noises for fixed parameters; with a much too large one readings say little about these."""
-    for _ in range(_NOISE_TURNS):
+    for _ in range(_NOISE_ITERATIONS):
         gradients, information = problem.terms(z, point, 1, noises=True)
         g, h = gradients.sum(axis=0), problem.bent(information.sum(axis=0))
         free, size = _searched(problem, z, g, h)
@@ -72,7 +89,7 @@ def _noises(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Point
             break
         moved_by = float(np.max(np.abs(new - z)))
         z, point = new, tried
-        if moved_by < _NOISE_ENOUGH:
+        if moved_by < _NOISE_CONVERGED:
             break
     return z, point
 
@@ -119,7 +136,7 @@ def _polled(
     best = z, point
     for value, vector in zip(values, vectors.T, strict=True):
         step = vector / math.sqrt(max(value, 1e-9)) / size
-        for length in _POLLED:
+        for length in _POLL_LENGTHS:
             part = min(length, 1.0 / float(np.max(np.abs(step) / far)))
             for sign in (part, -part):
                 new = z.copy()
@@ -128,13 +145,13 @@ def _polled(
                 tried = problem.tried(new)
                 if tried.cost < best[1].cost:
                     best = new, tried
-    return best if point.cost - best[1].cost > _PROMISED else None
+    return best if point.cost - best[1].cost > _CONVERGED_FALL else None
 
 
 def maximise(
     problem: Likelihood,
     z: Floats,
-    iterations: int = _ITERATIONS,
+    iterations: int = _MAX_ITERATIONS,
     until: float = math.inf,
     quick: bool = False,
     again: bool = False,
@@ -145,100 +162,167 @@ def maximise(
     `until`: reading of `time.monotonic` at which the search stops.  `quick`: only as far as
     slopes of forces from a linear recursion lead.  `again`: from where another search ended.
     """
-    z, none = np.clip(z, problem.low, problem.high), np.zeros(0)
+    z = np.clip(z, problem.low, problem.high)
     point = problem.tried(z)
     if not point.out:
+        none = np.zeros(0)
         return Solution(problem, z, point, none, none, False, math.inf, 0)
     if iterations and not again:
         z, point = _noises(problem, z, point)
-    damping, promised, turn, wider, creeping = 1e-3, math.inf, 0, 1.0, 0
-    quiet, settled, linear = False, False, True
-    gradients = information = none
+    search, turn = _Scoring(problem, z, point, until), 0
     for turn in range(iterations):  # noqa: B007
-        if quick and not linear:
+        if (quick and not search.linear) or not search.iterate():
             break
-        sides = 0 if linear else 1 if promised > _NEAR else 2
-        gradients, information = problem.terms(z, point, sides)
-        g, h = gradients.sum(axis=0), information.sum(axis=0)
-        problem.refine(h, wider)
+    return search.solution(turn)
+
+
+class _Quadratic(NamedTuple):
+    """Quadratic model of the cost at a point."""
+
+    h: Floats  # information with the prior, of all coordinates
+    free: Ints  # coordinates that are searched
+    size: Floats  # roots of their information
+    unit: Floats  # their information, scaled to a unit diagonal
+    slope: Floats  # their gradient in the same units
+
+
+@dataclass(eq=False)
+class _Scoring:
+    """State of a search by damped Fisher scoring."""
+
+    problem: Likelihood
+    z: Floats
+    point: Point
+    until: float  # reading of `time.monotonic` at which it stops
+    damping: float = 1e-3
+    promised: float = math.inf  # predicted fall of the cost
+    wider: float = 1.0  # factor of the difference steps
+    creeping: int = 0  # number of successive iterations that brought little
+    quiet: bool = False  # whether smaller random forces have been tried
+    settled: bool = False  # whether nothing near is lower
+    linear: bool = True  # whether slopes of forces come from a linear recursion
+    gradients: Floats = field(default_factory=lambda: np.zeros(0))
+    information: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def iterate(self) -> bool:
+        """One iteration; whether the search goes on."""
+        if self.linear:
+            sides = 0
+        else:
+            sides = 1 if self.promised > _CENTRAL_DIFFERENCE_FALL else 2
+        model = self._quadratic(sides)
+        self.promised = _promised(model.unit, model.slope)
+        if time.monotonic() > self.until:
+            return False
+        if self.promised <= _CONVERGED_FALL:
+            return self._at_minimum(sides)
+        if self._step(model):
+            return True
+        if sides == 0:
+            # Slopes that leave out the switches lead no farther.
+            self.linear, self.damping = False, 1e-3
+            return True
+        return self._on_rough_cost(model)
+
+    def _quadratic(self, sides: int) -> _Quadratic:
+        """Quadratic model of the cost, with slopes as `Likelihood.terms` computes them."""
+        problem, z = self.problem, self.z
+        self.gradients, self.information = problem.terms(z, self.point, sides)
+        g, h = self.gradients.sum(axis=0), self.information.sum(axis=0)
+        problem.refine(h, self.wider)
         _, prior_g, prior_h = problem.prior_terms(z)
         g = g + prior_g
         h = problem.bent(h) + np.diag(prior_h)
         free, size = _searched(problem, z, g, h)
-        inner = h[np.ix_(free, free)]
-        unit, slope = inner / np.outer(size, size), g[free] / size
-        promised = _promised(unit, slope)
-        if time.monotonic() > until:
-            break
-        if sides == 0 and promised <= _PROMISED:
-            linear = False
-            continue
-        if promised <= _PROMISED:
-            before = point
-            if not quiet:
-                z, point = _quieter(problem, z, point)
-            if point is before:
-                break
-            quiet, creeping = True, 0
-            continue
-        far = problem.reach(free, size)
-        moved = False
-        while damping < 1e7 and creeping < _CREEPING:
-            step = np.zeros(problem.size)
-            step[free] = within_reach(unit + damping * np.eye(free.size), slope, far) / size
-            new = np.clip(z + step, problem.low, problem.high)
-            by = (new - z)[free] * size
-            predicted = -float(slope @ by + 0.5 * by @ unit @ by)
-            if predicted < _PROMISED:
-                break
-            new_point = problem.tried(new)
-            if new_point.cost < point.cost:
-                fall = float(point.cost - new_point.cost)
-                kept = fall / predicted  # no number where the cost was infinite, nor a warning
-                if kept > _TRUSTED:
-                    damping = max(0.1 * damping, 1e-9)
-                linear = linear and kept >= _MISTRUSTED
-                if kept < _MISTRUSTED:
-                    damping = 10.0 * max(damping, _DAMPED)
-                creeping = creeping + 1 if fall < _PROMISED else 0
-                z, point, moved = new, new_point, True
-                break
-            damping *= 10.0 if damping > 1e-3 else 100.0
-        if moved:
-            continue
+        unit = h[np.ix_(free, free)] / np.outer(size, size)
+        return _Quadratic(h, free, size, unit, g[free] / size)
+
+    def _at_minimum(self, sides: int) -> bool:
+        """Where slopes promise nothing: go on with better slopes, or a smaller random force."""
         if sides == 0:
-            # Slopes that leave out the switches lead no farther.
-            linear, damping = False, 1e-3
-            continue
-        # Where the cost is rough, slopes over wider steps may still find a descent.
-        if wider > 1.0:
-            lower = _polled(problem, z, point, free, inner)
+            self.linear = False
+            return True
+        before = self.point
+        if not self.quiet:
+            self.z, self.point = _lower_random_force(self.problem, self.z, self.point)
+        if self.point is before:
+            return False
+        self.quiet, self.creeping = True, 0
+        return True
+
+    def _step(self, model: _Quadratic) -> bool:
+        """Take the least damped Newton step that lowers the cost; whether there is one."""
+        problem, (_, free, size, unit, slope) = self.problem, model
+        far = problem.reach(free, size)
+        while self.damping < 1e7 and self.creeping < _MAX_SMALL_STEPS:
+            step = np.zeros(problem.size)
+            damped = unit + self.damping * np.eye(free.size)
+            step[free] = within_reach(damped, slope, far) / size
+            new = np.clip(self.z + step, problem.low, problem.high)
+            by = (new - self.z)[free] * size
+            predicted = -float(slope @ by + 0.5 * by @ unit @ by)
+            if predicted < _CONVERGED_FALL:
+                return False
+            point = problem.tried(new)
+            if point.cost < self.point.cost:
+                self._adapt(float(self.point.cost - point.cost), predicted)
+                self.z, self.point = new, point
+                return True
+            self.damping *= 10.0 if self.damping > 1e-3 else 100.0
+        return False
+
+    def _adapt(self, fall: float, predicted: float) -> None:
+        """Adapt the damping to how well a step was predicted."""
+        kept = fall / predicted  # no number where the cost was infinite, nor a warning
+        if kept > _GOOD_FALL_RATIO:
+            self.damping = max(0.1 * self.damping, 1e-9)
+        self.linear = self.linear and kept >= _POOR_FALL_RATIO
+        if kept < _POOR_FALL_RATIO:
+            self.damping = 10.0 * max(self.damping, _MIN_RAISED_DAMPING)
+        self.creeping = self.creeping + 1 if fall < _CONVERGED_FALL else 0
+
+    def _on_rough_cost(self, model: _Quadratic) -> bool:
+        """Where no step lowers the cost: slopes over wider steps may still find a descent."""
+        h, free, _, unit, slope = model
+        if self.wider > 1.0:
+            inner = h[np.ix_(free, free)]
+            lower = _polled(self.problem, self.z, self.point, free, inner)
             if lower is None:
-                settled = True
+                self.settled = True
                 # The noises were searched without slopes, which are no guide to a rough cost.
-                own = free < len(problem.names)
-                promised = _promised(unit[np.ix_(own, own)], slope[own])
-                break
-            z, point = lower
-        elif not quiet:
-            z, point = _quieter(problem, z, point)
-        damping, wider, quiet, creeping = 1e-3, _WIDER, True, 0
-        problem.refine(h, wider)
-    rows = zip(problem.parameters, z, problem.low, problem.high, strict=False)
-    ended = ((p, c) for p, c, low, high in rows if c <= low or c >= high)
-    bound = tuple(p.name for p, c in ended if not (p.optional and p.value(c) == p.neutral))
-    done = settled or promised < _FAR
-    return Solution(problem, z, point, gradients, information, done, promised, turn, bound)
+                own = free < len(self.problem.names)
+                self.promised = _promised(unit[np.ix_(own, own)], slope[own])
+                return False
+            self.z, self.point = lower
+        elif not self.quiet:
+            self.z, self.point = _lower_random_force(self.problem, self.z, self.point)
+        self.damping, self.wider, self.quiet, self.creeping = 1e-3, _WIDE_STEP_FACTOR, True, 0
+        self.problem.refine(h, self.wider)
+        return True
+
+    def solution(self, iterations: int) -> Solution:
+        """The result, with the parameters that ended at a bound."""
+        problem, z = self.problem, self.z
+        rows = zip(problem.parameters, z, problem.low, problem.high, strict=False)
+        ended = ((p, c) for p, c, low, high in rows if c <= low or c >= high)
+        bound = tuple(p.name for p, c in ended if not (p.optional and p.value(c) == p.neutral))
+        done = self.settled or self.promised < _UNCONVERGED_FALL
+        return Solution(
+            problem, z, self.point, self.gradients, self.information, done, self.promised,
+            iterations, bound,
+        )  # fmt: skip
 
 
-def with_force(likelihood: Likelihood, z: Floats, part: float = _LOUD) -> Floats:
+def with_force(likelihood: Likelihood, z: Floats, part: float = _FIRST_FORCE_RATIO) -> Floats:
     """Coordinates with the random force a part of the drive."""
     z = z.copy()
     z[len(likelihood.names) :][::2] = [2.0 * math.log(part * r.drive) for r in likelihood.runs]
     return z
 
 
-def held(likelihood: Likelihood, z: Floats, turns: int = FEW, until: float = math.inf) -> Solution:
+def fit_with_fixed_noises(
+    likelihood: Likelihood, z: Floats, turns: int = FIRST_ITERATIONS, until: float = math.inf
+) -> Solution:
     """Parameters fitted with the noises held, as far as slopes of forces lead."""
     one, noises = likelihood.on(likelihood.runs), slice(len(likelihood.names), None)
     one.low, one.high = likelihood.low.copy(), likelihood.high.copy()
@@ -246,17 +330,23 @@ def held(likelihood: Likelihood, z: Floats, turns: int = FEW, until: float = mat
     return maximise(one, z, turns, until, True)
 
 
-def continued(likelihood: Likelihood, z: Floats, until: float = math.inf) -> Floats:
+def force_continuation(likelihood: Likelihood, z: Floats, until: float = math.inf) -> Floats:
     """Parameters fitted at random forces that are held, each lower, until below the friction."""
     level, drive = likelihood.axis.coulomb.mean, max(r.drive for r in likelihood.runs)
-    below = math.log(max(_LOUD * drive / level, 1.0), 1.0 / _LOWER) if level > 0.0 else 0.0
-    for rung in range(max(math.ceil(below), _RUNGS)):
-        part = _LOUD * _LOWER**rung
-        z = held(likelihood, with_force(likelihood, z, part), SOME, until).z
+    below = (
+        math.log(max(_FIRST_FORCE_RATIO * drive / level, 1.0), 1.0 / _FORCE_REDUCTION)
+        if level > 0.0
+        else 0.0
+    )
+    for rung in range(max(math.ceil(below), _MIN_FORCE_LEVELS)):
+        part = _FIRST_FORCE_RATIO * _FORCE_REDUCTION**rung
+        z = fit_with_fixed_noises(
+            likelihood, with_force(likelihood, z, part), COMPARISON_ITERATIONS, until
+        ).z
     return z
 
 
-def looked(likelihood: Likelihood, z: Floats) -> list[Floats]:
+def breakaway_search(likelihood: Likelihood, z: Floats) -> list[Floats]:
     """Points at ever lower random forces, from the likeliest one: the rest held, what acts at
     breakaway is likeliest there.
 
@@ -267,8 +357,10 @@ def looked(likelihood: Likelihood, z: Floats) -> list[Floats]:
     force, reading = (slice(len(likelihood.names) + i, None, 2) for i in (0, 1))
     z = with_force(likelihood, z)
     z[reading] = likelihood.low[reading]
-    rungs = math.ceil(float(np.max(z[force] - likelihood.low[force])) / (-2.0 * math.log(_LOWER)))
-    lengths = REACH * _LOWER ** np.arange(rungs)
+    rungs = math.ceil(
+        float(np.max(z[force] - likelihood.low[force])) / (-2.0 * math.log(_FORCE_REDUCTION))
+    )
+    lengths = MAX_STEP * _FORCE_REDUCTION ** np.arange(rungs)
     lengths, unit = np.concatenate((lengths, -lengths))[:, None], np.eye(z.size)
     costs, found = [], []
     for _ in range(rungs + 1):
@@ -278,7 +370,7 @@ def looked(likelihood: Likelihood, z: Floats) -> list[Floats]:
             near = np.clip(z + lengths * unit[j], likelihood.low, likelihood.high)
             all_costs = [likelihood.tried(one).cost for one in near]
             best = int(np.argmin(all_costs))
-            idle = 0 if cost - all_costs[best] > _PROMISED else idle + 1
+            idle = 0 if cost - all_costs[best] > _CONVERGED_FALL else idle + 1
             if all_costs[best] < cost:
                 cost, z = all_costs[best], near[best]
             if idle == len(own):
@@ -286,5 +378,5 @@ def looked(likelihood: Likelihood, z: Floats) -> list[Floats]:
         costs.append(cost)
         found.append(z)
         z = z.copy()
-        z[force] += 2.0 * math.log(_LOWER)
+        z[force] += 2.0 * math.log(_FORCE_REDUCTION)
     return found[int(np.argmin(costs)) :]

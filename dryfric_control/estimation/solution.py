@@ -11,25 +11,26 @@ import numpy as np
 
 from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.estimation.likelihood import NORMAL, Likelihood, Point
+from dryfric_control.estimation.likelihood import NORMAL_VARIANCE_RATIO, Likelihood, Point
 from dryfric_control.model.axis import FrictionAxis
 
 # Eigenvalue of the information, scaled to unit diagonal, below which differences cannot
 # distinguish it from 0.
-_OPEN = 1e-9
+_MIN_EIGENVALUE = 1e-9
 # Square root of the information below which it counts as zero.
-_NOTHING = 1e-100
-# Fractions of a Newton step that are tried until one lowers the cost, and the step of the
-# logarithm of the random force's variance on data that were not fitted.
-_PARTS, _LOUDER = (1.0, 0.3, 0.1), 2.0
+_MIN_INFORMATION = 1e-100
+# Fractions of a Newton step that are tried until one lowers the cost.
+_STEP_FRACTIONS = (1.0, 0.3, 0.1)
+# Step of the logarithm of the random force's variance on data that were not fitted.
+_LOG_VARIANCE_STEP = 2.0
 
 
 def _inverse(h: Floats) -> Floats:
     """Inverse of an information matrix; undetermined directions get a large variance."""
     size = np.sqrt(np.maximum(np.diag(h), 0.0))
-    size[size < _NOTHING] = 1.0
+    size[size < _MIN_INFORMATION] = 1.0
     values, vectors = np.linalg.eigh(h / np.outer(size, size))
-    inverse = (vectors / np.maximum(values, _OPEN)) @ vectors.T
+    inverse = (vectors / np.maximum(values, _MIN_EIGENVALUE)) @ vectors.T
     return np.asarray(inverse / np.outer(size, size))
 
 
@@ -94,7 +95,7 @@ class Solution:
         sandwich = inverse @ meat @ inverse
         scale = np.sqrt(np.maximum(np.diag(inverse), np.diag(sandwich)))
         own = np.sqrt(np.maximum(np.diag(sandwich), 0.0))
-        own[own < _NOTHING] = 1.0
+        own[own < _MIN_INFORMATION] = 1.0
         found = sandwich * np.outer(scale / own, scale / own)
         np.fill_diagonal(found, scale**2)
         return found
@@ -176,7 +177,7 @@ class Solution:
         step *= min(1.0, 1.0 / max(float(np.max(np.abs(step) / far)), 1e-300))
         # A rough cost may rise: then take a shorter step, judged by the fitted blocks.
         most = before[~mine].sum() + problem.prior(self.z)
-        for part in _PARTS:
+        for part in _STEP_FRACTIONS:
             there = np.clip(self.z + part * step, problem.low, problem.high)
             point = problem.tried(there)
             if point.out and self._blocks(point)[~mine].sum() + problem.prior(there) <= most:
@@ -199,7 +200,7 @@ class Solution:
             # What the parameters miss on unseen data acts there as a random force.
             there = found[k].copy()
             while np.all(there[noise] < problem.high[noise]):
-                there[noise] = np.minimum(there[noise] + _LOUDER, problem.high[noise])
+                there[noise] = np.minimum(there[noise] + _LOG_VARIANCE_STEP, problem.high[noise])
                 point = problem.tried(there)
                 here = self._blocks(point)[mine] if point.out else costs[mine]
                 if not here.sum() < costs[mine].sum():
@@ -247,7 +248,7 @@ class Solution:
 
     def random_force(self, i: int = 0) -> float:
         """Standard deviation of the random force in record i, held over a sample [N]."""
-        return math.sqrt(self.problem.noises(self.z, i)[0] / NORMAL)
+        return math.sqrt(self.problem.noises(self.z, i)[0] / NORMAL_VARIANCE_RATIO)
 
     @property
     def largest_force(self) -> float:
@@ -256,4 +257,4 @@ class Solution:
 
     def reading_noise(self, i: int = 0) -> float:
         """Standard deviation of a reading's noise in record i."""
-        return math.sqrt(self.problem.noises(self.z, i)[1] / NORMAL)
+        return math.sqrt(self.problem.noises(self.z, i)[1] / NORMAL_VARIANCE_RATIO)

@@ -10,9 +10,10 @@ from scipy import stats
 
 from dryfric_control.arrays import Floats
 
-# Eigenvalue over the largest one below which a direction may be undetermined, and below which
-# it is, as in no record of a determined one.
-_FAINT, _UNSEEN = 1e-2, 1e-6
+# Eigenvalue over the largest one below which a direction may be undetermined.
+_WEAK_EIGENVALUE = 1e-2
+# The same below which it is undetermined, as in no record of a determined one.
+_ZERO_EIGENVALUE = 1e-6
 # A block is left out almost entirely: it may be the only one that determines a direction.
 _LEFT_OUT = 1.0 - 1e-6
 
@@ -31,10 +32,10 @@ def unseen(normal: Floats, again: Callable[[Floats], Floats]) -> Floats:
     if seen.size:
         steps = np.eye(size.size)[seen] / size[seen, None]
         values, vectors = np.linalg.eigh(steps @ normal @ steps.T)
-        if values[0] < _FAINT * values[-1]:
+        if values[0] < _WEAK_EIGENVALUE * values[-1]:
             steps = vectors.T @ steps
             values, vectors = np.linalg.eigh(again(steps))
-        for row in (vectors.T @ steps)[values < _UNSEEN * values[-1]]:
+        for row in (vectors.T @ steps)[values < _ZERO_EIGENVALUE * values[-1]]:
             rows.append(row / np.linalg.norm(row))
     return np.asarray(rows, dtype=np.float64).reshape(-1, size.size)
 

@@ -19,14 +19,15 @@ from dryfric_control.records.record import Record
 from dryfric_control.ties import NEAR, above, samples
 
 # Multiple of the noise from which a score grows with the logarithm of the errors alone.
-_ROBUST = 2.0
+_ROBUST_SCALE = 2.0
 # A window moves if the range of its readings exceeds this many standard deviations of their
 # noise (`benchmarks/diagnosis.py`, condition short).
-_MOVING = 4.0
-# Rounds of new slopes in the search for a start state, and offsets of the start velocity, in
-# standard deviations, from which a window far above the scale is searched again
-# (`benchmarks/diagnosis.py dwell_time stribeck`).
-_ROUNDS, _OFFSETS = 2, np.array([-0.3, 0.3, -1.0, 1.0, -2.0, 2.0])
+_MIN_MOTION = 4.0
+# Rounds of new slopes in the search for a start state.
+_ROUNDS = 2
+# Offsets of the start velocity [standard deviations] from which a window far above the scale is
+# searched again (`benchmarks/diagnosis.py dwell_time stribeck`).
+_VELOCITY_OFFSETS = np.array([-0.3, 0.3, -1.0, 1.0, -2.0, 2.0])
 
 
 def shifted(u: Floats, samples: float) -> Floats:
@@ -70,7 +71,7 @@ class Windows:
         """Windows whose readings move by more than noise, shape (nwindows,)."""
         x, starts = self.record.x, self.edges[:-1]
         reach = np.maximum.reduceat(x, starts) - np.minimum.reduceat(x, starts)
-        return above(reach, _MOVING * self.floor, NEAR * self.record.range)
+        return above(reach, _MIN_MOTION * self.floor, NEAR * self.record.range)
 
     def arrays(self, shift: float = 0.0) -> Windowed:
         """The windows as arrays for compiled functions, the input delayed by `shift` [s]."""
@@ -104,7 +105,7 @@ class Windows:
         count = len(self)
         at = Evaluation(np.zeros(int(self.edges[-1])), np.zeros((3, count)), np.zeros(count))
         at.starts[2] = np.nan
-        offsets = _OFFSETS if thorough else _OFFSETS[:0]
+        offsets = _VELOCITY_OFFSETS if thorough else _VELOCITY_OFFSETS[:0]
         search = Search(active, linked(axis), uniform(axis), self.floor, _ROUNDS, offsets)
         project(axis.arrays(self.record.dt), self.arrays(), search, at)
         return at
@@ -121,7 +122,7 @@ class Windows:
 
     def scores(self, costs: Floats) -> Floats:
         """log(1 + cost/(n c^2)) of every window: 0.22 at the noise floor."""
-        return np.asarray(np.log1p(costs / (self.samples * _ROBUST**2)))
+        return np.asarray(np.log1p(costs / (self.samples * _ROBUST_SCALE**2)))
 
     def mean_squares(self, errors: Floats) -> Floats:
         """Mean square of the errors in each window, shape (nwindows,)."""

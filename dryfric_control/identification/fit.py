@@ -26,7 +26,14 @@ from dryfric_control.estimation.parameters import (
 )
 from dryfric_control.estimation.plausibility import checked_records, warn_if_implausible
 from dryfric_control.estimation.random_force import acts, away_from_rest, lasting
-from dryfric_control.estimation.scoring import FEW, LAST, SOME, continued, looked, maximise
+from dryfric_control.estimation.scoring import (
+    COMPARISON_ITERATIONS,
+    FINAL_ITERATIONS,
+    FIRST_ITERATIONS,
+    breakaway_search,
+    force_continuation,
+    maximise,
+)
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.identification.identifiability import cannot_tell
@@ -423,33 +430,33 @@ def likeliest(
     `look`: whether to look for what acts at breakaway before.
     """
     noises = problem.start(1.0)[len(problem.names) :]
-    few = FEW if look or len(points) > kept else SOME
+    few = FIRST_ITERATIONS if look or len(points) > kept else COMPARISON_ITERATIONS
 
     def search(point: Floats) -> Solution:
         own = problem.on(problem.runs)
-        return maximise(own, continued(own, np.concatenate((point, noises))), few)
+        return maximise(own, force_continuation(own, np.concatenate((point, noises))), few)
 
     def refined(z: Floats) -> Solution:
-        return maximise(problem.on(problem.runs), z, SOME, again=True)
+        return maximise(problem.on(problem.runs), z, COMPARISON_ITERATIONS, again=True)
 
     run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
     found = run(joblib.delayed(search)(p) for p in points)
     ends = list(tqdm(found, name, len(points), unit="start", disable=not progress))
     if look:
-        there = looked(problem, np.concatenate((points[0], noises)))
+        there = breakaway_search(problem, np.concatenate((points[0], noises)))
         found = run(joblib.delayed(refined)(z) for z in there)
         ends += tqdm(found, name, len(there), unit="point", disable=not progress)
     ends = [ends[i] for i in ranked([one.cost for one in ends], _EQUAL)][:kept]
-    if few < SOME:
-        ends = [maximise(one.problem, one.z, SOME, again=True) for one in ends]
+    if few < COMPARISON_ITERATIONS:
+        ends = [maximise(one.problem, one.z, COMPARISON_ITERATIONS, again=True) for one in ends]
     best = ends[ranked([one.cost for one in ends], _EQUAL)[0]]
     if not best.point.out:
         best.problem.at(best.z)  # says why there is no such axis
-    last = maximise(best.problem, best.z, LAST, again=True)
+    last = maximise(best.problem, best.z, FINAL_ITERATIONS, again=True)
     acting = any(acts(last, i) for i in range(len(problem.runs)))
     if acting and not any(p.breaks_away for p in problem.parameters):
         clear = last.problem.on(list(map(away_from_rest, last.problem.runs, last.point.states)))
-        last = maximise(clear, last.z, SOME, again=True)
+        last = maximise(clear, last.z, COMPARISON_ITERATIONS, again=True)
     return _result(last, points[0], window, acting)
 
 

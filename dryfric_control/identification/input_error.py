@@ -73,7 +73,7 @@ def _drive_slopes(found: Solution, i: int, axis: FrictionAxis, spread: float) ->
         arrays, a = one.arrays(1.0), np.empty(direction.size)
         accelerations(
             arrays.numbers, arrays.integers, run.record.t, states[0], states[1], run.u + drive,
-            direction, a,
+            run.record.known_force, direction, a,
         )  # fmt: skip
         return axis.mass * a
 

@@ -306,7 +306,7 @@ def test_noise_in_the_drive_is_bounded_and_its_price_is_said(quantum, delay):
     if free.drive_step > 0.1 * 8.0:
         assert comp.drive_step == pytest.approx(0.1 * 8.0, rel=1e-4)
         assert free.certificate.tube < comp.certificate.tube
-        said = comp._free_of_noise()
+        said = comp._without_filter()
         assert said.certify().tube == pytest.approx(free.certificate.tube)
         assert "has its price" in comp.summary()
     else:

@@ -11,7 +11,7 @@ from dryfric_control.diagnosis.candidates import placed
 from dryfric_control.diagnosis.causes import cause_of, changing, hardly_determined
 from dryfric_control.diagnosis.gram import Proposal
 from dryfric_control.diagnosis.invariants import impossible, unsound
-from dryfric_control.diagnosis.looks import Looks
+from dryfric_control.diagnosis.looks import ProposalFits
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.search import Model, Search
 from dryfric_control.estimation.likelihood import prepare
@@ -215,7 +215,7 @@ def test_a_joined_proposal_goes_on_without_what_comes_to_nothing():
     both = Proposal(("saturation", "spring"), axis, ("saturation.limit", *SPRING), 0.0, 100.0)
     with among("saturation", "spring"):
         odds = {"saturation": 0.0, "spring": 0.0}
-        looks = Looks(problem, problem.fit(AXIS), odds, lambda names, reason: None)
+        looks = ProposalFits(problem, problem.fit(AXIS), odds, lambda names, reason: None)
         looks.fit([both])
     (row,) = looks.rows
     assert row.names == ("spring",)

@@ -5,7 +5,7 @@ import pytest
 from diagnosis_cases import among, causes, driven
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.thresholds import EQUAL, LEAST
+from dryfric_control.diagnosis.thresholds import EQUAL_EVIDENCE, MIN_EVIDENCE
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.scoring import maximise
 
@@ -112,9 +112,9 @@ def test_nominal_values_are_trusted_together_or_not():
     assert problem.prior(at(1.0, 1.0, 1.0)) == pytest.approx(0.0)
     alike, apart = problem.prior(at(1.2, 1.2, 1.2)), problem.prior(at(1.2, 1.2, 0.8))
     # A gain scales all three: one cause instead, but for the value that stays wrong beside it.
-    assert alike > LEAST + EQUAL
-    assert apart < LEAST + problem.prior(at(1.0, 1.0, 0.8 / 1.2))
-    assert problem.prior(at(1.2, 1.0, 1.0)) < LEAST + EQUAL < apart
+    assert alike > MIN_EVIDENCE + EQUAL_EVIDENCE
+    assert apart < MIN_EVIDENCE + problem.prior(at(1.0, 1.0, 0.8 / 1.2))
+    assert problem.prior(at(1.2, 1.0, 1.0)) < MIN_EVIDENCE + EQUAL_EVIDENCE < apart
     for z in (at(1.01, 0.98, 1.0), at(1.1, 1.0, 0.97), at(1.2, 1.2, 0.8)):
         slopes = [
             (problem.prior(z + step) - problem.prior(z - step)) / 2e-6

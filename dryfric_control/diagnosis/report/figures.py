@@ -13,7 +13,7 @@ from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.evidence import Evidence, binned, blind, evidence
 from dryfric_control.diagnosis.report import wording
 from dryfric_control.diagnosis.report.findings import Findings, plain
-from dryfric_control.diagnosis.thresholds import LEAST
+from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
 from dryfric_control.drawing import axes_of, control_plot, labelled, legend_above
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.model.friction_curve import draw_curve, friction_over_velocity
@@ -325,7 +325,7 @@ def falls(d: Findings) -> dict[str, float]:
 def any_bar(d: Findings) -> bool:
     """Whether a candidate alone does more than chance, where there is something to find."""
     found = d.verdict != "nothing to find"
-    return found and max(falls(d).values(), default=0.0) >= LEAST
+    return found and max(falls(d).values(), default=0.0) >= MIN_EVIDENCE
 
 
 def no_bar_text(d: Findings) -> str:
@@ -349,7 +349,7 @@ def _kinds(d: Findings) -> dict[str, str]:
 def _top(d: Findings) -> dict[str, float]:
     """The candidates that are drawn: the best ones, and those that are named."""
     times, named = falls(d), _kinds(d)
-    best = [slug for slug, value in times.items() if value >= LEAST][:_BARS]
+    best = [slug for slug, value in times.items() if value >= MIN_EVIDENCE][:_BARS]
     return {slug: value for slug, value in times.items() if slug in best or slug in named}
 
 
@@ -357,7 +357,7 @@ def others_text(d: Findings) -> str:
     """Candidates without a bar, in one line."""
     top = _top(d)
     hidden = {slug: value for slug, value in falls(d).items() if slug not in top}
-    better = {slug: value for slug, value in hidden.items() if value >= LEAST}
+    better = {slug: value for slug, value in hidden.items() if value >= MIN_EVIDENCE}
     next_ones = f"Next, at most {plain(max(better.values(), default=0.0))}: "
     rest = [slug for slug in hidden if slug not in better]
     lines = {next_ones: [*better], "No better on their own: ": rest}
@@ -377,7 +377,7 @@ def draw_candidates(d: Findings, ax: Any) -> None:
     rank = {cause.effect: f"{i}. " for i, cause in enumerate(d.main_causes, start=1)}
     kinds, named, times = _kinds(d), set(), _top(d)
     for row, (slug, value) in enumerate(times.items()):
-        if value < LEAST:
+        if value < MIN_EVIDENCE:
             # Alone it does no better than other base parameters: no bar to the left,
             # which would read as if it did harm beside the others.
             if len(d.causes) > 1:

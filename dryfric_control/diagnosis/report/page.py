@@ -21,7 +21,7 @@ from dryfric_control.diagnosis.report.findings import (
     parameter_texts,
     plain,
 )
-from dryfric_control.diagnosis.thresholds import LEAST
+from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
 from dryfric_control.drawing import control_plot
 from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.store.axis_file import axis_text
@@ -68,7 +68,8 @@ _TEMPLATES.filters |= {
 }  # fmt: skip
 _TEMPLATES.globals |= {
     "br": Markup("<br>"), "say": wording, "parameter_texts": parameter_texts,
-    "SMALL": SMALL, "LEAST": LEAST, "version": __version__, "figures": figures, "svg": _svg,
+    "SMALL": SMALL, "MIN_EVIDENCE": MIN_EVIDENCE, "version": __version__, "figures": figures,
+    "svg": _svg,
 }  # fmt: skip
 
 

@@ -677,7 +677,7 @@ rows(
         "run.csv",
         FileNotFoundError,
     ),
-    ("fit replay axis_from", dict(record=X), "path of its file"),
+    ("fit replay axis_from identify_coulomb identify_stribeck", dict(record=X), "path of its file"),
     ("fit", dict(free=()), "at least one parameter"),
     ("fit", dict(free=("masss",)), "choose from|did you mean"),
     ("fit", dict(free=("mass", "mass")), "more than once"),

@@ -169,7 +169,7 @@ def test_an_export_that_makes_no_sense_is_refused(tmp_path, capsys, file, option
         (table("u;x", (X, X)), "Without a column of time give --rate [samples per s]."),
         ("t [s],u [N],x [m]\n", "run.csv holds a heading and no data rows"),
         (table("t;u;x", (T[:5], X[:5], X[:5])), "run.csv: 5 samples are too few"),
-        (table("t;u;x", (T, X, np.where(T % 0.01 < 0.005, np.nan, X))), "too many to be bridged"),
+        (table("t;u;x", (T, X, np.where(T % 0.01 < 0.005, np.nan, X))), "gap of 0.007 s"),
         (table("t;u;x", (T, X, X)).replace(";0.000200;", ";;", 1), "empty; give --dt"),
         (table("t;u1;u2;x1;x2", (T, X, X, X, X)), "say which: --columns u=..."),
         (table("t;u;x [counts]", (T, X, np.round(1e5 * X))), "run.csv: x is in 'counts', the axis has 'm'"),

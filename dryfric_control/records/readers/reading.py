@@ -18,7 +18,7 @@ from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, Channels,
 from dryfric_control.records.readers.sources import read_channels
 from dryfric_control.records.record_warning import warn
 from dryfric_control.records.refusal import RefusalError
-from dryfric_control.records.scaling import Gain
+from dryfric_control.records.scaling import Gain, Scaling
 
 # Arguments that need not be said.
 _USUAL = (("max_rows", MAX_ROWS), ("hold", "zero"))
@@ -166,7 +166,8 @@ def _merged(given: Mapping[str, Any], mend: Mapping[str, Any]) -> dict[str, Any]
 def _line(source: Any, given: Mapping[str, Any], gain: Gain) -> str:
     """A call of `read_record` to copy."""
     words = [_shown(source) if isinstance(source, (str, os.PathLike)) else "source"]
-    shown = {**given, "gain": None if isinstance(gain, float) and gain == 1.0 else gain}
+    usual = isinstance(gain, (float, Scaling)) and gain in (1.0, Scaling())
+    shown = {**given, "gain": None if usual else gain}
     for key, value in shown.items():
         if value is not None and (key, value) not in _USUAL:
             words.append(f"{key}={_shown(value)}")

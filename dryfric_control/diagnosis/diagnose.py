@@ -46,7 +46,7 @@ from dryfric_control.diagnosis.verdict import Judged, judged, shows
 from dryfric_control.estimation.likelihood import prepare
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge
 from dryfric_control.estimation.plausibility import checked_records, warn_if_implausible
-from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FINAL_ITERATIONS
+from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FINAL_ITERATIONS, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut, shifted
 from dryfric_control.model.axis import FrictionAxis
@@ -329,8 +329,15 @@ class _Answer:
         """The model fitted to all data; without a lead of the input that is too short to be one."""
         problem, final = self.problem, self.model.fit
         if self.finished and not final.promised < CONVERGED_GAIN:
-            final = _refit(problem, final, FINAL_ITERATIONS)
-            final = min(final, self.model.fit, key=lambda s: s.cost)
+            # With slopes that switches belong to: near the end those of a recursion creep.  And
+            # from a large random force, with which the cost is smooth.
+            likelihood = problem.likelihood(final.axis, problem.free_of(final), each=each_of(final))
+            starts = ((final.problem, final.z), (likelihood, likelihood.start(1.0)))
+            fits = [
+                maximise(one, z, FINAL_ITERATIONS, problem.until, again=k == 0, recursion=False)
+                for k, (one, z) in enumerate(starts)
+            ]
+            final = min(fits, key=lambda s: s.cost)
         shift = final.values().get(SHIFT, 0.0)
         if problem.shift is not None and shift > -MIN_VISIBLE_DELAY * problem.scales.step:
             problem = self.search.problem = replace(problem, shift=None)

@@ -106,7 +106,7 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
             yield from (f"{joint}: {message}" for message in d.messages)
 
     def to_dict(self) -> dict[str, Any]:
-        """`Diagnosis.to_dict` of each joint; `verdict` and `reason` of those that failed."""
+        """`to_dict` of each joint, and the reasons of those that failed."""
         found = {joint: d.to_dict() for joint, d in self.diagnoses.items()}
         reasons = self.failed.items()
         return found | {joint: {"verdict": NOT_DIAGNOSED, "reason": why} for joint, why in reasons}

@@ -576,13 +576,22 @@ def _doing_as_much(left: dict[str, float], mine: float) -> set[str]:
 
 
 def _likeliest_shapes(some: list[Proposal]) -> list[Proposal]:
-    """Proposals, of each form of a shape with a memory that at the likelier random force."""
+    """Proposals, of each form of a shape with a memory that at the likelier random force.
+
+    Of the effect that gains most those at both: the likelier one may be a wider play than any
+    crossing.
+    """
+    shapes = [one for one in some if one.remembers]
+    first = max(shapes, key=lambda p: p.predicted, default=None)
     best = dict[tuple[frozenset[str], frozenset[str]], Proposal]()
-    for one in (one for one in some if one.remembers):
+    for one in shapes:
         key = frozenset(one.names), frozenset(one.free)
         best[key] = min(one, best.get(key, one), key=lambda p: p.cost)
     kept = {id(p) for p in best.values()}
-    return [one for one in some if not one.remembers or id(one) in kept]
+    return [
+        one for one in some
+        if not one.remembers or id(one) in kept or (first and one.names == first.names)
+    ]  # fmt: skip
 
 
 def _about(among: Collection[str], some: list[Proposal]) -> list[Proposal]:

@@ -237,11 +237,12 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
         structured = structured or far_above(*_but_the_worst(squares[2], replays))
     left = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))
     nominal, there, noise = (math.sqrt(float(np.median(row))) for row in rows)
-    # A single window with a mistimed breakaway may give the RMS its size.  Errors that grow for
+    # A single window with a mistimed breakaway may give the RMS its size, so the median counts,
+    # unless a cause that acts in few windows lowers the RMS for certain.  Errors that grow for
     # certain are no noise, however large the model says that it is.
-    worse = (
-        there > max(MAX_ERROR_RATIO * nominal, noise) or gain.interval[1] < 1.0 / MAX_ERROR_RATIO
-    )
+    usually_worse = there > max(MAX_ERROR_RATIO * nominal, noise)
+    surely_better = gain.interval[0] > MAX_ERROR_RATIO
+    worse = (usually_worse and not surely_better) or gain.interval[1] < 1.0 / MAX_ERROR_RATIO
     return Judged(gain, left, worse)
 
 

@@ -155,12 +155,14 @@ def maximise(
     until: float = math.inf,
     quick: bool = False,
     again: bool = False,
+    recursion: bool = True,
 ) -> Solution:
     """Most likely parameters from one starting point, by damped Fisher scoring.
 
     Infinite cost where there is no axis with the start values, whose `Likelihood.at` says why.
     `until`: reading of `time.monotonic` at which the search stops.  `quick`: only as far as
     slopes of forces from a linear recursion lead.  `again`: from where another search ended.
+    `recursion`: whether such slopes are used at all.
     """
     z = np.clip(z, problem.low, problem.high)
     point = problem.tried(z)
@@ -169,7 +171,7 @@ def maximise(
         return Solution(problem, z, point, none, none, False, math.inf, 0)
     if iterations and not again:
         z, point = _noises(problem, z, point)
-    search, turn = _Scoring(problem, z, point, until), 0
+    search, turn = _Scoring(problem, z, point, until, linear=recursion), 0
     for turn in range(iterations):  # noqa: B007
         if (quick and not search.linear) or not search.iterate():
             break
@@ -309,7 +311,7 @@ class _Scoring:
         done = self.settled or self.promised < _UNCONVERGED_FALL
         return Solution(
             problem, z, self.point, self.gradients, self.information, done, self.promised,
-            iterations, bound,
+            iterations, bound, self.linear and bool(self.gradients.size),
         )  # fmt: skip
 
 

@@ -41,14 +41,32 @@ class Solution:
     problem: Likelihood
     z: Floats  # search coordinates
     point: Point
-    gradients: Floats  # of `Likelihood.terms` at z, and the information
-    information: Floats
+    first_gradients: Floats  # of `Likelihood.terms` at z, and the information
+    first_information: Floats
     # Whether the predicted fall of the cost is below 1, or nothing near is lower, where the cost
     # is so rough that no step achieves its prediction.
     converged: bool
     promised: float  # fall of the cost that a full Newton step predicts
     iterations: int
     at_bound: tuple[str, ...] = ()  # parameters that ended at a bound
+    # Whether the first two are slopes of forces by a linear recursion, which leaves switches out.
+    by_recursion: bool = False
+
+    @cached_property
+    def _terms(self) -> tuple[Floats, Floats]:
+        if self.by_recursion and self.point.out:
+            return self.problem.terms(self.z, self.point, 2)
+        return self.first_gradients, self.first_information
+
+    @property
+    def gradients(self) -> Floats:
+        """Gradient of each block, shape (nblocks, ncoordinates)."""
+        return self._terms[0]
+
+    @property
+    def information(self) -> Floats:
+        """Information of each block, shape (nblocks, ncoordinates, ncoordinates)."""
+        return self._terms[1]
 
     @property
     def cost(self) -> float:
@@ -225,7 +243,7 @@ class Solution:
 
         both = Point(0.0, joined(*(p.out for p in halves)), joined(*(p.states for p in halves)))
         cost = float(self._blocks(both).sum()) + self.problem.prior(self.z)
-        return replace(self, point=replace(both, cost=cost))
+        return replace(self, point=replace(both, cost=cost), by_recursion=False)
 
     def held_out(self) -> Floats:
         """Held-out cost of each block: under parameters fitted without its half."""

@@ -70,7 +70,7 @@ class Diagnosis(Saved, Result, Findings):
         return wrapped(brief_lines(self))
 
     def details(self) -> str:
-        """Everything that there is to see, in plain lines: the same as `summary`."""
+        """Everything that there is to see, in plain lines."""
         return self.summary()
 
     def to_dict(self) -> dict[str, Any]:
@@ -107,7 +107,7 @@ class Diagnosis(Saved, Result, Findings):
         return text
 
     def table(self, form: str = "markdown") -> str:
-        """Causes with their parameters, nominal values and alternatives as a table.
+        """Causes, parameters and alternatives as a table.
 
         Parameters
         ----------

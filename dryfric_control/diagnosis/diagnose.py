@@ -459,6 +459,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         found = _force_first(search, recorded)
         if found is not None:
             return *found, False
+        search = Search(problem, tell, search.not_tried, now=search.now)
         begun = search.alone()
         # The least smoothing: a smoother input may hide that it does not cause the motion.
         problem = search.problem = denoised_inputs(problem, recorded, begun, most=False)
@@ -492,7 +493,6 @@ def _force_first(search: Search, recorded: Sequence[Any]) -> tuple[Search, Model
     What builds up after reversals, and beside which a straight line predicts better, is a contact.
     """
     problem = search.problem
-    search = Search(problem, search.tell, search.not_tried, now=search.now)
     found, builds_up = search.by_force()
     if builds_up and found.fit.cost > problem.straight_line.cost:
         found = moving(problem, found.fit, found) or found

@@ -29,9 +29,10 @@ def test_slightly_wrong_parameters_are_mended_and_nothing_else_is_accused():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("shell", "progress", "shown"),
-    [(None, None, False), ("imported", None, False), ("running", None, True), (None, True, True)],
+    # A shell without the kernel of a notebook is a terminal, as its stream says.
+    [(None, None, False), ("imported", None, False), ("running", None, False), (None, True, True)],
 )
-def test_it_keeps_silent_unless_asked_or_in_a_notebook(capfd, monkeypatch, shell, progress, shown):
+def test_it_keeps_silent_unless_asked_or_in_a_terminal(capfd, monkeypatch, shell, progress, shown):
     module = SimpleNamespace(get_ipython=lambda: shell if shell == "running" else None)
     monkeypatch.setitem(sys.modules, "IPython", module if shell else None)
     case = make_null(0, "short")

@@ -83,6 +83,10 @@ class ForceView(Likelihood):
         n = len(self.names)
         self.low[n + 1 :: 2] = self.high[n + 1 :: 2] = 0.0
 
+    @property
+    def recursive(self) -> bool:
+        return False
+
     def _slope_of_force(self, *_: Any) -> bool:
         # Differences are as cheap here, and exact.
         return False

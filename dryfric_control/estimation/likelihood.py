@@ -542,6 +542,12 @@ class Likelihood:
             rise -= 0.5 * (widths[1] - widths[0]) * h[:, 0, 0]
         return rise
 
+    @property
+    def recursive(self) -> bool:
+        """Whether slopes with forces come from the filter's linear recursion: of a rigid axis."""
+        acting = [e for e in self.axis.effects if e.action not in _TIMING_ACTIONS]
+        return all(e.inner(self.axis) == _RIGID for e in acting)
+
     def _slope_of_force(
         self, z: FloatArray, point: Point, i: int, j: int, slope: FloatArray
     ) -> bool:

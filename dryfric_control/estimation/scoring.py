@@ -21,6 +21,8 @@ _CONVERGED_FALL = 0.05
 _MAX_SMALL_STEPS = 2
 # Predicted fall above which the search has not converged, unless nothing near is lower.
 _UNCONVERGED_FALL = 1.0
+# Predicted fall of the cost above which slopes are one-sided where no recursion gives them.
+_DIFFERENCES_FALL = 30.0
 # Predicted fall below which slopes are central differences.
 _CENTRAL_DIFFERENCE_FALL = 3.0
 # Usual number of iterations.
@@ -208,7 +210,7 @@ class _Scoring:
 
     def iterate(self) -> bool:
         """One iteration; whether the search goes on."""
-        if self.linear:
+        if self.linear and (self.promised > _DIFFERENCES_FALL or self.problem.recursive):
             sides = 0
         else:
             sides = 1 if self.promised > _CENTRAL_DIFFERENCE_FALL else 2

@@ -260,6 +260,9 @@ def _parameters(axis: FrictionAxis) -> Iterator[tuple[Signal, Any]]:
     for slug, effect in axis.named_effects().items():
         units = type(effect).units(axis.units)
         for item in fields(effect) if effect in axis.effects else ():
+            about = item.metadata
+            if about["kind"] == "share" and not about["free"]:
+                continue  # a choice of the structure, which the code is written for
             more = (
                 item.metadata["doc"],
                 getattr(effect, item.name),

@@ -137,7 +137,7 @@ BUILT_IN = {
     "input_delay": {"delay"}, "actuator_lag": {"time_constant"}, "presliding": {"bristles"},
     "backlash": {"load_fraction", "friction_on_motor"},
     "load_encoder_backlash": {"load_fraction", "friction_on_motor"},
-    "compliance": {"load_fraction", "friction_on_motor"},
+    "compliance": {"load_fraction", "friction_on_motor"}, "load_dependence": {"of_drive"},
 }  # fmt: skip
 
 

@@ -249,7 +249,8 @@ class Saturation(Effect):
         # the drive away, unless what is left of it is far more than the random force.
         cut = np.abs(u)[np.abs(u) > self.limit] - self.limit
         if cut.size >= _NEARLY_ALL * u.size:
-            return self.limit > _CLEARLY * noise
+            both_ways = u.min() < -self.limit and u.max() > self.limit
+            return bool(both_ways and self.limit > _CLEARLY * noise)
         if not cut.size:
             return False
         return bool(np.sqrt(np.mean(cut**2)) > _PEAKS * noise)

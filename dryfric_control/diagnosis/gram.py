@@ -75,7 +75,7 @@ _COLUMN_BATCH = 32
 _RIDGE = 1e-9
 # Part of the largest gain of a shape with a memory, in passes of the filter, that another one must
 # have to be fitted.
-_MIN_GAIN_FRACTION = 0.3
+_MIN_GAIN_FRACTION = 0.05
 # Least ratio of the number of independent samples after to before for what takes from the drive.
 _MIN_INDEPENDENCE_RATIO = 0.8
 # Largest part of the drive that a cause in the drive may take.

@@ -148,7 +148,7 @@ def test_a_level_acts_through_the_peak(slug):
 
 def test_two_causes_give_way_to_one_that_acts_as_both(monkeypatch):
     # No cause is exchanged by itself.
-    monkeypatch.setattr("dryfric_control.diagnosis.search.EXCHANGED", 0)
+    monkeypatch.setattr("dryfric_control.diagnosis.search.MAX_EXCHANGED_CAUSES", 0)
     peak = dfc.Stribeck(0.5, 0.3)
     record = driven(AXIS.replace(stribeck=peak, effects=(dfc.effects.BiasForce(1.0),)))
     # A peak of both levels, each raised by as much as the asymmetry of the peak takes away.

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cached_property
 
 import numpy as np
 
@@ -46,15 +45,13 @@ class ForceView(ModelView):
     problem : Problem
     axis : FrictionAxis
         The model.
-    names : sequence of str, optional
-        Free parameters of its effects.
     """
 
     # The bias of the smoothing is of that size.
     least_fall = 0.96
 
-    def __init__(self, problem: Problem, axis: FrictionAxis, names: Sequence[str] = ()) -> None:
-        self.problem, self.axis, self.names = problem, axis, tuple(names)
+    def __init__(self, problem: Problem, axis: FrictionAxis) -> None:
+        self.problem, self.axis = problem, axis
         self.motions = problem.motions
         records = [m.record for m in self.motions]
         ends = np.cumsum([0, *(len(r) for r in records)])
@@ -122,14 +119,6 @@ class ForceView(ModelView):
     def squares(self) -> float:
         """Sum of the squares of the force that is missing [N^2]."""
         return float(self.y @ self.y) / self.scale**2
-
-    @cached_property
-    def ok(self) -> Floats:
-        """Whether a sample is one of the residual, shape (n,)."""
-        found = np.zeros(self.x.size, bool)
-        for motion, part in zip(self.motions, self.slices, strict=True):
-            found[part.start + motion.places] = True
-        return found
 
     def late_drive(self) -> tuple[float, float]:
         """Delay [s] and limit [N] with which the drive gives the force of the motion.

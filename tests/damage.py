@@ -5,6 +5,7 @@ with a ValueError that says something.  Anything else is a find.
 """
 
 import contextlib
+import functools
 import gzip
 import importlib.util
 import io
@@ -254,6 +255,12 @@ _CHANGES = st.one_of(st.tuples(st.just(kind), _PLACE, what) for kind, what in _W
 damages = st.lists(_CHANGES, min_size=1, max_size=4)
 
 
+@functools.lru_cache(maxsize=64)
+def _words(content: bytes) -> list[tuple[int, int]]:
+    """Where each word begins and ends."""
+    return [word.span() for word in _WORDS.finditer(content)]
+
+
 def damaged(content: bytes, changes: list[tuple[str, int, Any]]) -> bytes:
     """A file after some changes."""
     for kind, number, what in changes:
@@ -261,12 +268,12 @@ def damaged(content: bytes, changes: list[tuple[str, int, Any]]) -> bytes:
         end = place
         put = b""
         if kind in ("word", "swap"):
-            words = list(_WORDS.finditer(content))
+            words = _words(content)
             if not words:
                 continue
             word = words[number % len(words)]
-            place, end = word.span()
-            put = what if kind == "word" else words[what % len(words)][0]
+            place, end = word
+            put = what if kind == "word" else content[slice(*words[what % len(words)])]
         elif kind == "write":
             end, put = place + len(what), what
         elif kind in ("insert", "token"):

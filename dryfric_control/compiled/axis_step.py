@@ -202,11 +202,25 @@ def internal(function=None, **options):
 
 @intrinsic
 def pointer(typingctx, array):
-    """Address of the first element; the caller keeps the array alive."""
+    """Address of the first element; the caller keeps the array alive, see `keep`."""
     signature = types.CPointer(array.dtype)(array)
 
     def codegen(context, builder, signature, args):
         return context.make_array(signature.args[0])(context, builder, args[0]).data
+
+    return signature, codegen
+
+
+@intrinsic
+def keep(typingctx, array):
+    """Keep an array alive up to here.
+
+    A local array is freed after the last line that names it, whatever points to its memory.
+    """
+    signature = types.void(array)
+
+    def codegen(context, builder, signature, args):
+        return context.get_dummy_value()
 
     return signature, codegen
 
@@ -1289,6 +1303,8 @@ def step(numbers, integers, memory, t, dt, u):
     events = np.empty(3)
     count = tally(events)
     sample(plant, t, dt, u, u, pointer(memory), pointer(events), pointer(count))
+    keep(events)
+    keep(count)
 
 
 @njit(cache=True, error_model="numpy")
@@ -1310,6 +1326,7 @@ def mode_rate(numbers, integers, t, x, v, u, mode):
     memory = np.array([x, v, float(mode), 0.0, 0.0])
     s = float(mode)
     w = load_under(plant, input_map(plant, t, pointer(memory), u), t, x, v, s, 0.0)
+    keep(memory)
     if mode == 0:
         return -plant.numbers[STICK_RATE] * v, w
     friction = s * sliding_level(plant, t, x, v, w, s)
@@ -1369,5 +1386,5 @@ def run(numbers, integers, memory, u, known, dt, first, room, out):
         set_known_force(plant, t, dt, known, n - 1, first)
     out[0, n - 1] = reading(plant, t, state)
     out[1, n - 1], out[2, n - 1], out[3, n - 1] = outputs(plant, t, dt, state, u[n - 1])
-    # The numbers must outlive the plant, which points to them.
+    keep(own)
     return located(events, count[LISTED]), count[LOST]

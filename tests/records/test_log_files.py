@@ -10,6 +10,7 @@ import pytest
 from made_logs import write
 
 import dryfric_control as dfc
+from dryfric_control.records.readers.limits import BoundedFile
 from dryfric_control.records.readers.sources import _TABLES
 
 #: Files by name: what makes them, the library, and how they are read.
@@ -249,3 +250,21 @@ def test_a_damaged_log_is_refused_or_what_is_read_is_sound(kind, tmp_path):
                 content[place] = rng.integers(256)
         said = damage.verdict(kind, bytes(content), tmp_path)
         assert said in ("taken", "refused"), f"{kind}, {k}: {said}"
+
+
+def test_a_bag_with_a_record_longer_than_the_file_is_refused(tmp_path):
+    pytest.importorskip("rosbags")
+    path = logs.ros1(tmp_path)
+    content = path.read_bytes()
+    path.write_bytes(content[:-1])
+    with pytest.raises(ValueError, match="record goes on beyond the end of the file; try rosbag"):
+        dfc.read_record(path, joint="b")
+
+
+def test_a_bounded_file_takes_no_room_for_more_than_it_holds(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"0123456789")
+    with BoundedFile(path) as file:
+        assert file.read(3) == b"012"
+        assert file.read(10**15) == b"3456789"
+        assert file.read() == b""

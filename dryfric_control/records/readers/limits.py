@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import zipfile
 from collections.abc import Iterator
@@ -40,6 +41,19 @@ def refused_if_damaged(path: Path, what: str) -> Iterator[None]:
         kind = "" if type(problem) is ValueError else f"{type(problem).__name__}: "
         words = " ".join(str(problem).split())[:120]
         raise ValueError(f"{path.name} is damaged or no {what} ({kind}{words})") from None
+
+
+class BoundedFile(io.BufferedReader):
+    """File that takes no room for more than it holds, whatever number of bytes is asked for."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(io.FileIO(path))
+        self._size = path.stat().st_size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """At most `size` bytes, or all that is left."""
+        left = max(0, self._size - self.tell())
+        return super().read(left if size is None or size < 0 else min(size, left))
 
 
 def check_room(path: Path) -> None:

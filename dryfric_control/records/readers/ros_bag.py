@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
-from typing import Any
+from pathlib import Path
+from typing import Any, BinaryIO
 
 from dryfric_control.records.readers.log_file import MessageLog
 
@@ -20,6 +22,8 @@ class RosBag(MessageLog):
 
     def _messages(self, *libraries: Any) -> Iterator[tuple[str, int, Any]]:
         highlevel, typesys = libraries
+        if self.path.suffix == ".bag":
+            _check_sizes(self.path)
         stores = typesys.Stores
         store = stores.ROS1_NOETIC if self.path.suffix == ".bag" else stores.LATEST
         # Bags of older versions of ROS 2 do not say what their messages hold.
@@ -35,3 +39,33 @@ class RosBag(MessageLog):
                 return
             for connection, arrival, data in bag.messages(connections=known):
                 yield connection.topic, arrival, bag.deserialize(data, connection.msgtype)
+
+
+def _check_sizes(path: Path) -> None:
+    """Refuse a bag of ROS 1 with a record that is said to go on beyond the end of the file.
+
+    The library takes room for what a record says, up to 4 GB
+    (https://wiki.ros.org/Bags/Format/2.0).
+    """
+    size = path.stat().st_size
+    places, wanted = {size}, set()
+    with path.open("rb") as file:
+        file.readline()
+        while (place := file.tell()) < size:
+            places.add(place)
+            header = file.read(_length(file, size))
+            for name in (b"index_pos=", b"chunk_pos="):
+                if name in header:
+                    wanted.add(int.from_bytes(header.partition(name)[2][:8], "little"))
+            file.seek(_length(file, size), os.SEEK_CUR)
+    if wanted - places - {0}:  # 0: it has no index, as the library says
+        raise ValueError("its index points to where no record begins; try rosbag reindex")
+
+
+def _length(file: BinaryIO, size: int) -> int:
+    """Length of what follows, from the four bytes before it."""
+    word = file.read(4)
+    length = int.from_bytes(word, "little")
+    if len(word) < 4 or length > size - file.tell():
+        raise ValueError("a record goes on beyond the end of the file; try rosbag reindex")
+    return length

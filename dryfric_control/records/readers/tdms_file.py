@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from dryfric_control.arrays import Ints
 from dryfric_control.records.readers.channels import meaning, split_header
+from dryfric_control.records.readers.limits import BoundedFile
 from dryfric_control.records.readers.log_file import Channel, LogFile
 
 
@@ -33,8 +35,9 @@ class TdmsFile(LogFile):
 
     def _open(self, *libraries: Any) -> list[str]:
         nptdms, reader = libraries
-        self._timings = _timings(reader.TdmsReader, str(self.path))
-        self._file = nptdms.TdmsFile.open(str(self.path))
+        self._timings = _timings(reader.TdmsReader, self.path)
+        self._bytes = BoundedFile(self.path)
+        self._file = nptdms.TdmsFile.open(self._bytes)
         groups = self._file.groups()
         self._channels: dict[str, Any] = {}
         self._clocks: dict[str, Any] = {}
@@ -76,9 +79,10 @@ class TdmsFile(LogFile):
 
     def close(self) -> None:
         self._file.close()
+        self._bytes.close()
 
 
-def _timings(reader: Any, path: str) -> dict[str, list[_Timing]]:
+def _timings(reader: Any, path: Path) -> dict[str, list[_Timing]]:
     """Timings of each channel with an increment, in order of its samples."""
     found: dict[str, list[_Timing]] = {}
 
@@ -104,7 +108,7 @@ def _timings(reader: Any, path: str) -> dict[str, list[_Timing]]:
                 if not found.get(name) or found[name][-1][1:] != timing[1:]:
                     found.setdefault(name, []).append(timing)
 
-    with open(path, "rb") as file:
+    with BoundedFile(path) as file:
         Timed(file).read_metadata()
     return {name: every for name, every in found.items() if all(t.increment > 0.0 for t in every)}
 

@@ -128,14 +128,14 @@ N_INNER = 4
 
 # Local error of one step, relative to the velocity scale: far below the accuracy
 # guaranteed for switching times (1e-6 s) and far above round-off.
-TOLERANCE = 3e-9
+TOLERANCE = 1e-8
 # Relative accuracy of a friction level that depends on itself, and the evaluations for it.
 _EQUAL_LEVELS, _SECANTS = 1e-15, 12
 # exp(-40) is below the round-off of 1: the Stribeck term is zero beyond.
 _STRIBECK_REACH = 40.0
 _STRIBECK_EDGE = math.sqrt(_STRIBECK_REACH)
-# Velocity in Stribeck velocities beyond which the slope of the peak does not count for a step.
-_PEAK_END = 4.0
+# Bound of the error that the peak makes in a step, see `peak_error`.
+_PEAK_ERROR = 230.0
 # Largest number of switches per sample, to bound the work.  Well-posed switching reaches it only
 # if a sample contains tens of thousands of oscillations; later switches are counted as lost.
 MAX_SWITCHES = 100_000
@@ -531,7 +531,7 @@ def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
     # Without such forces only the first source remains: a linear drive is integrated exactly,
     # and an exponential one by Simpson's rule.
     i = plant.integers
-    along = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2 or plant.numbers[EXCESS] > 0.0
+    along = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2
     turn, lean = abs(k3 - k2), abs(k2 - k1)
     bend = abs((k1 - k2) - (k3 - k4))
     # A drive that runs linearly is no variation that a step could miss.
@@ -566,13 +566,27 @@ def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
 
 
 @internal(forceinline=True)
-def beside_peak(plant, placed, v, v1, s):
-    """Position-dependent acceleration by which a step is judged: none on a Stribeck peak."""
-    # The differences of the stages are those of the peak there.
-    slowest = min(s * v, s * v1) - plant.numbers[STICK_SPEED]
-    if plant.numbers[EXCESS] > 0.0 and slowest * plant.numbers[INVERSE_STRIBECK_SPEED] < _PEAK_END:
+def peak_error(plant, x, v, v1, s, k1, k4, d):
+    """Bound of the velocity error of one step from v to v1 that the Stribeck peak makes."""
+    # With the peak of acceleration A exp(-q^2) the velocity changes by F Stribeck velocities in a
+    # step, and by Z = A d of them by the peak alone.  The error of the method is at most
+    # d A w F (F + Z)^3/230, w = exp(-q^2) (1 + q^2)^2 where it is largest in the step: over
+    # 600 000 random steps with F < 1 up to 0.98 of it, one in ten below a hundredth.
+    excess, inverse = plant.numbers[EXCESS], plant.numbers[INVERSE_STRIBECK_SPEED]
+    if excess == 0.0:
         return 0.0
-    return placed
+    q = (min(s * v, s * v1) - plant.numbers[STICK_SPEED]) * inverse
+    q = q * q if q > 0.0 else 0.0
+    if q >= _STRIBECK_REACH:
+        return 0.0
+    level = base_level(plant, x, s)
+    if plant.integers[N_LEVEL] > 0:
+        level *= _RAISED
+    fades = min(1.0, math.exp(-q) * (1.0 + q) * (1.0 + q))
+    peak = level * excess * plant.numbers[INVERSE_MASS] * d
+    change, alone = max(abs(k1), abs(k4)) * d * inverse, peak * inverse
+    steep = change + alone
+    return peak * fades * change * steep * steep * steep / _PEAK_ERROR
 
 
 @internal(forceinline=True)
@@ -808,35 +822,31 @@ def _varies(plant, drive):
 
 @internal(forceinline=True)
 def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
-    """Try the interval in one step: whether no switch is near, and the new state."""
+    """Try the interval in one step: whether no switch is near, the new state, a length to try."""
     if mode == 0:
         x1, v1 = _decay(plant, x, v, h)
         if _varies(plant, drive):
             start, _ = hold_excess(plant, drive, t0, 0.0, x, v, rest)
             end, _ = hold_excess(plant, drive, t0, h, x1, v1, rest + h)
             if end > 0.0:
-                return False, x, v
-            return start + end <= -h * _rest_rate(plant, drive, x, v), x1, v1
-        return True, x1, v1
+                return False, x, v, h
+            return start + end <= -h * _rest_rate(plant, drive, x, v), x1, v1, h
+        return True, x1, v1, h
     s = float(mode)
     sigma = plant.numbers[STICK_SPEED]
     if s * v <= sigma:
-        return False, x, v
+        return False, x, v, h
     x1, v1, k2, k3, k4, placed = slide(plant, drive, t0, 0.0, x, v, s, k1, h)
     allowed = TOLERANCE * (abs(v) + sigma + h * abs(k1)) + plant.numbers[ALLOWED]
-    placed = beside_peak(plant, placed, v, v1, s)
     lowest = s * v1
     if s * k1 < 0.0 and s * k4 > 0.0:
         part = k1 / (k1 - k4)
         lowest = min(lowest, s * (v + 0.5 * part * h * k1))
-    calm = (
-        lowest > sigma
-        and abs(x1 - x) <= plant.numbers[SHORT_WAY]
-        and h <= plant.numbers[SHORT_TIME]
-        and peak_step(plant, v, v1, s, h) == h
-        and step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, h, allowed) <= allowed
-    )
-    return calm, x1, v1
+    error = step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, h, allowed)
+    error += peak_error(plant, x, v, v1, s, k1, k4, h)
+    length = min(refined(plant, x1 - x, error, allowed, h), peak_step(plant, v, v1, s, h))
+    calm = lowest > sigma and h <= plant.numbers[SHORT_TIME] and length == h
+    return calm, x1, v1, length
 
 
 @internal
@@ -977,12 +987,11 @@ def _mode_after(plant, drive, t0, tau, x, v, mode, kind, d):
 
 
 @internal(inline="always")
-def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
+def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, longest):
     """Move over an interval that contains switches or needs more than one step."""
     sigma = plant.numbers[STICK_SPEED]
     varies = _varies(plant, drive)
     tau = 0.0
-    longest = h
     switches = 0
     flips = 0
     close, pause, resume, last = 0, CLOSE * h, 0.0, -h
@@ -1017,8 +1026,8 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1):
         d = min(longest, bound - tau, plant.numbers[SHORT_TIME])
         x1, v1, k2, k3, k4, placed = slide(plant, drive, t0, tau, x, v, s, k1, d)
         allowed = TOLERANCE * (abs(v) + sigma + d * abs(k1)) + plant.numbers[ALLOWED]
-        placed = beside_peak(plant, placed, v, v1, s)
         error = step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, d, allowed)
+        error += peak_error(plant, x, v, v1, s, k1, k4, d)
         divisible = d > SHORTEST * h
         if divisible:
             cut = refined(plant, x1 - x, error, allowed, d)
@@ -1069,12 +1078,12 @@ def _advance_rigid(plant, drive, t0, h, memory, events, count):
     if first != mode:
         record(events, count, t0, mode, first)
         mode, rest = first, 0.0
-    calm, x1, v1 = _calm(plant, drive, t0, h, x, v, mode, rest, k1)
+    calm, x1, v1, length = _calm(plant, drive, t0, h, x, v, mode, rest, k1)
     if calm:
         memory[X], memory[V], memory[MODE] = x1, v1, mode
         memory[REST] = rest + h if mode == 0 else 0.0
     else:
-        _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1)
+        _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, length)
     return v, friction, first
 
 

@@ -247,6 +247,8 @@ def _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d):
     held = numbers[step.CONTACT_STIFFNESS] * abs(_stretched(strain, y))
     pull = numbers[step.INVERSE_MASS] * (abs(_transmitted(side, drive, tau, at)) + held)
     error = max(error, step.step_error(side, drive, k1, k2, k3, k4, pull, math.inf, d, 0.0))
+    if mode != 0:
+        error = max(error, step.peak_error(side, y, p, after.p, _direction(mode), k1, k4, d))
     if bristles and _fades(side):
         # The level with which they slide is taken to change linearly along the way.
         z, most = _deflection(side, drive, t0, tau + d, after, strain, mode, rest)

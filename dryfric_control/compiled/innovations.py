@@ -104,12 +104,14 @@ def _smooth(plant, drive, t, h, x, v, s, k1):
     if s * k1 < 0.0 and s * k4 > 0.0:
         part = k1 / (k1 - k4)
         lowest = min(lowest, s * (v + 0.5 * part * h * k1))
+    error = step.step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, h, allowed)
+    error += step.peak_error(plant, x, v, v1, s, k1, k4, h)
     calm = (
         lowest > sigma
         and abs(x1 - x) <= plant.numbers[step.SHORT_WAY]
         and h <= plant.numbers[step.SHORT_TIME]
         and step.peak_step(plant, v, v1, s, h) == h
-        and step.step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, h, allowed) <= allowed
+        and error <= allowed
     )
     return calm, x1, v1
 

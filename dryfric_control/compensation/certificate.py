@@ -368,7 +368,7 @@ class _Loop(NamedTuple):
     @property
     def tube(self) -> float:
         """Bound of the error [m]."""
-        return sum(self.parts.values())
+        return float(sum(self.parts.values()))
 
     def within(self, other: _Loop) -> bool:
         """Whether no bound on which the laws depend exceeds another's."""

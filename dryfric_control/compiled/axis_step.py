@@ -534,8 +534,9 @@ def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
     along = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2
     turn, lean = abs(k3 - k2), abs(k2 - k1)
     bend = abs((k1 - k2) - (k3 - k4))
-    # A drive that runs linearly is no variation that a step could miss.
-    rise = abs(k4 - k1 - drive.slope * d * plant.numbers[INVERSE_MASS])
+    # A drive, or a known force, that runs linearly is no variation that a step could miss.
+    linear = (drive.slope + plant.numbers[KNOWN_RATE]) * d * plant.numbers[INVERSE_MASS]
+    rise = abs(k4 - k1 - linear)
     way = abs(moved)
     stiff = 0.0
     if 0.14 * d * turn * turn * turn > allowed * lean * lean:

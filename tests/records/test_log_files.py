@@ -268,3 +268,13 @@ def test_a_bounded_file_takes_no_room_for_more_than_it_holds(tmp_path):
         assert file.read(3) == b"012"
         assert file.read(10**15) == b"3456789"
         assert file.read() == b""
+
+
+def test_a_flight_log_cut_off_in_its_definitions_is_refused(tmp_path):
+    pytest.importorskip("pyulog")
+    path = logs.ulog(tmp_path)
+    content = path.read_bytes()
+    first = content.index(b"F", 16)  # a message: its length, its type
+    path.write_bytes(content[: first + 10])
+    with pytest.raises(ValueError, match=f"damaged definitions at byte {first - 2}"):
+        dfc.read_record(path)

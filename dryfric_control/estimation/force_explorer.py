@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import io
+import json
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
+import jinja2
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -25,6 +29,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import BiasForce, Spring
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.records.record import Record
+from dryfric_control.store.files import write_file
 from dryfric_control.text import rotary_words, typeset
 from dryfric_control.units import check_units
 
@@ -39,6 +44,10 @@ _REACH = 3.0
 _SLOWEST = 1e-3
 _FASTEST = 0.3
 _STEPS = 200
+# Stribeck velocities of the page.
+_SPEEDS = 24
+# Digits of its numbers: what a picture shows.
+_DIGITS = 6
 
 
 @dataclass(frozen=True)
@@ -127,7 +136,10 @@ class ForceExplorer:
     @property
     def axis(self) -> FrictionAxis:
         """The model with these numbers."""
-        given, start = self.values, self._start
+        return self._axis_of(self.values)
+
+    def _axis_of(self, given: Mapping[str, float]) -> FrictionAxis:
+        start = self._start
         factor = max(given["coulomb"], 1e-12) / start.coulomb.mean
         peak = Stribeck(given["excess"], given["stribeck_speed"]) if given["excess"] > 0.0 else None
         effects = list(start.effects)
@@ -146,7 +158,10 @@ class ForceExplorer:
     @property
     def missing(self) -> Floats:
         """Force that is missing in the sliding samples, shape (m,)."""
-        left = missing_force(self.axis, self._motion, self._drive, self._known)
+        return self._missing(self.values)
+
+    def _missing(self, given: Mapping[str, float]) -> Floats:
+        left = missing_force(self._axis_of(given), self._motion, self._drive, self._known)
         return self._motion.smoothed(left[:, None])[:, 0]
 
     @property
@@ -213,6 +228,57 @@ class ForceExplorer:
         pixels = np.asarray(self._canvas.buffer_rgba())
         imsave(out, pixels, format="png", pil_kwargs={"compress_level": 1})
         return out.getvalue()
+
+    def to_html(self, path: str | os.PathLike[str]) -> Path:
+        """Write a page with the sliders, which stands alone: no server, no network.
+
+        Parameters
+        ----------
+        path : path-like
+            Its file; numbers in its address, as in ``page.html#coulomb=9``, are those it begins
+            with.
+
+        Returns
+        -------
+        Path
+        """
+        page = jinja2.Environment(
+            loader=jinja2.PackageLoader("dryfric_control.estimation", "."), autoescape=True,
+            undefined=jinja2.StrictUndefined,
+        ).get_template("force_explorer.html")  # fmt: skip
+        length, force = self._start.units
+        words = rotary_words("force missing in the model", force)
+        text = page.render(
+            title=words, data=self._columns(), sliders=self.sliders, steps=_STEPS, length=length,
+            force=force, axis_label=rotary_words("force", force),
+        )  # fmt: skip
+        write_file(path, text)
+        return Path(path)
+
+    def _columns(self) -> str:
+        """Missing force of the dots as a sum of columns, by number of the model, as JSON."""
+        none = dict.fromkeys(self.values, 0.0) | {
+            "stribeck_speed": self.sliders["stribeck_speed"].value
+        }
+
+        def left(**values: float) -> Floats:
+            return self._missing(none | values)[self._shown]
+
+        def short(values: Floats) -> list[float]:
+            return [float(f"{value:.{_DIGITS}g}") for value in values]
+
+        base, level = left(), left(coulomb=1.0)
+        speed = self.sliders["stribeck_speed"]
+        speeds = np.geomspace(speed.low, speed.high, _SPEEDS)
+        linear = ("mass", "viscous", "coulomb", "stiffness", "constant")
+        peaks = [left(coulomb=1.0, excess=1.0, stribeck_speed=float(one)) - level for one in speeds]
+        return json.dumps({
+            "v": short(self._v[self._shown]), "x": short(self._x[self._shown]),
+            "base": short(base), "columns": {name: short(left(**{name: 1.0}) - base)
+                                             for name in linear},
+            "speeds": short(speeds), "peaks": [short(one) for one in peaks],
+            "sliders": {name: asdict(one) for name, one in self.sliders.items()},
+        }).replace("<", "\\u003c")  # fmt: skip
 
     def _repr_png_(self) -> bytes:
         return self.png()

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import matplotlib
 import numpy as np
 import pytest
-from diagnosis_cases import driven
+from diagnosis_cases import among, driven
 from each_effect import EFFECTS
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -780,3 +780,21 @@ def test_what_is_advised_next(found):
     )  # fmt: skip
     assert any(one.startswith("Determine") for one in wording.next_steps(loose))
     assert "does not determine them" in html_summary(loose)
+
+
+@pytest.mark.slow
+def test_a_level_that_changes_over_the_record_is_told_once():
+    t = 1e-3 * np.arange(6000)
+    u = 4.0 * np.sin(6.0 * t) + 2.0 * np.sin(15.4 * t)
+    plant = dfc.FrictionAxis(
+        mass=0.5, viscous=1.0, coulomb=2.25, units=("rad", "N m"),
+        effects=(dfc.effects.WarmUp(rise=-0.4, time_constant=1.5),),
+    )  # fmt: skip
+    x = 1e-5 * np.round(1e5 * plant.simulate(u, dt=1e-3).y[0])
+    nominal = plant.replace(coulomb=1.35, effects=())
+    with among("warm_up", "drift", "stribeck"):
+        d = dfc.diagnose(nominal, dfc.Record(t, u, x), jobs=1, progress=False)
+    text = " ".join(str(d).split())
+    # 2.25 (1 - 0.4), and 2.25 (1 - 0.4 exp(-4)) at the end.
+    assert "1. warm-up (warm_up): Coulomb level 1.35 -> 2.23 N m within 6 s" in text
+    assert "2. " not in text and "1. warm-up" in " ".join(d.details().split())

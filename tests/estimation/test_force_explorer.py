@@ -1,6 +1,10 @@
 """The force that a model lacks, redrawn while its numbers are turned."""
 
 import io
+import json
+import re
+import shutil
+import subprocess
 
 import numpy as np
 import pytest
@@ -10,6 +14,8 @@ import dryfric_control as dfc
 
 T = 1e-3 * np.arange(4000)
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+BROWSERS = "chromium", "chromium-browser", "google-chrome"
+BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
 @pytest.fixture(scope="module")
@@ -60,3 +66,47 @@ def test_sliders_turn_the_numbers(record):
     rows[2].children[0].value = 6.0
     assert look.axis.coulomb.mean == 6.0 and picture.value != before
     assert rows[2].children[1].value == "N"
+
+
+TURNED = {"mass": 2.0, "viscous": 15.0, "coulomb": 9.0, "excess": 0.3, "stiffness": 3.0,
+          "constant": -0.4}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """The page, and the RMS of its dots with other numbers."""
+    axis = dfc.FrictionAxis(mass=2.4, viscous=12.0, coulomb=7.0)
+    look = dfc.datasets.belt_stage().explore(axis)
+    path = look.to_html(tmp_path_factory.mktemp("page") / "look.html")
+    data = json.loads(re.search(r'id="data">(.*?)</script>', path.read_text())[1])
+    speed = data["speeds"][8]
+    look.set(stribeck_speed=speed, **TURNED)
+    dots = look.missing[look._shown]
+    return path, data, TURNED | {"stribeck_speed": speed}, dots
+
+
+def test_the_page_holds_the_force_as_a_sum_over_the_numbers(page):
+    _, data, values, dots = page
+    left = np.array(data["base"])
+    for name, column in data["columns"].items():
+        left += values[name] * np.array(column)
+    left += values["excess"] * values["coulomb"] * np.array(data["peaks"][8])
+    # Six digits of each column.
+    np.testing.assert_allclose(left, dots, atol=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine")
+def test_a_browser_draws_the_page_with_the_numbers_of_its_address(page, tmp_path):
+    path, _, values, dots = page
+    numbers = "&".join(f"{name}={value}" for name, value in values.items())
+    run = subprocess.run(
+        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
+         "--disable-background-networking", "--host-resolver-rules=MAP * ~NOTFOUND",
+         "--enable-logging=stderr", "--dump-dom", f"--user-data-dir={tmp_path}",
+         f"{path.as_uri()}#{numbers}"],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert ":CONSOLE:" not in run.stderr
+    rms = np.sqrt(np.mean(dots**2))
+    assert f"force missing in the model: {rms:.3g} N RMS" in run.stdout

@@ -119,7 +119,7 @@ def meaning(d: Findings, cause: Cause) -> list[str]:
     if effect is not None and effect.meaning(d.axis.units):
         lines.append(effect.meaning(d.axis.units))
     # The level is that of all causes: it stands once.
-    first = next((one.effect for one in d.main_causes if acts_on_level(one)), None)
+    first = next((one.effect for one in shown_causes(d) if acts_on_level(one)), None)
     if cause.effect == first:
         table = level_table(d)
         drifts = any(e.action == "friction" and e.depends_on_time for e in d.extended.effects)
@@ -234,13 +234,42 @@ def shown_record(d: Findings) -> str:
     return f"record {d.record.name}, {of}" if d.record.name else f"{of} records"
 
 
+def course_text(d: Findings, cause: Cause) -> str:
+    """How a cause changes the Coulomb level over the record; empty if it does not."""
+    effect = d.extended.named_effects().get(cause.effect)
+    if effect is None:
+        return ""
+    times = d.record.t[0], d.record.t[-1]
+    level = d.extended.coulomb.mean
+    first, last = (level * effect.level_factor(float(t)) for t in times)
+    if first == last:
+        return ""
+    unit = d.axis.units[1]
+    return f"Coulomb level {first:.3g} -> {last:.3g} {unit} within {times[1] - times[0]:.3g} s"
+
+
+def shown_causes(d: Findings) -> list[Cause]:
+    """Main causes; a level that changes over the record is one, and not its nominal value too."""
+    changes = any(course_text(d, cause) for cause in d.main_causes)
+    return [one for one in d.main_causes if not (changes and one.effect == "coulomb")]
+
+
+def line_of(d: Findings, cause: Cause) -> str:
+    """Cause, what it does over the record, parameters and alternatives in one line."""
+    text, course = cause_text(cause, d.axis), course_text(d, cause)
+    if not course:
+        return text
+    title, _, parameters = text.partition(": ")
+    return f"{title}: {course} ({parameters})"
+
+
 def summary_lines(d: Findings) -> list[str]:
     """Lines of a diagnosis' summary, as long as they are."""
     of = f" (of {records_text(d)})" if d.others else ""
     lines = [f"verdict: {d.verdict if d.causes else headline(d)}{of}"]
     lines += [f"warning: {one}" for one in far_off(d)]
-    for i, cause in enumerate(d.main_causes, start=1):
-        lines.append(f"{i}. {cause_text(cause, d.axis)}")
+    for i, cause in enumerate(shown_causes(d), start=1):
+        lines.append(f"{i}. {line_of(d, cause)}")
         lines += [f"    {line}" for line in meaning(d, cause)]
     small = d.small_corrections
     if small:
@@ -262,9 +291,9 @@ def brief_lines(d: Findings) -> list[str]:
     of = f" (of {records_text(d)})" if d.others else ""
     lines = [f"verdict: {d.verdict if d.causes else headline(d)}{of}"]
     lines += [f"warning: {one}" for one in far_off(d)][:_BRIEF_WARNINGS]
-    for i, cause in enumerate(d.main_causes[:_BRIEF_CAUSES], start=1):
-        lines.append(f"{i}. {cause_text(cause, d.axis)}")
-    more = len(d.causes) - min(len(d.main_causes), _BRIEF_CAUSES)
+    shown = shown_causes(d)
+    lines += [f"{i}. {line_of(d, one)}" for i, one in enumerate(shown[:_BRIEF_CAUSES], start=1)]
+    more = max(0, len(shown) - _BRIEF_CAUSES) + len(d.small_corrections)
     if more > 0:
         lines.append(f"and {more} more causes or small corrections")
     lines.append(f"{gain_title(d)}: {gain_text(d)}")

@@ -524,6 +524,16 @@ class Effect:
         """
         return 0.0, 0.0
 
+    def level_factor(self, t: float) -> float:
+        """Coulomb level at a time over that without it, of an effect that changes it with time.
+
+        Parameters
+        ----------
+        t : float
+            Time [s].
+        """
+        return 1.0
+
     def plausible(self, axis: BaseAxis) -> bool:
         """Whether an axis may have it, as far as its values tell.
 

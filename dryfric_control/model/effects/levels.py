@@ -466,6 +466,9 @@ class WarmUp(Effect):
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return level * p[0] * math.exp(-t / p[1])
 
+    def level_factor(self, t: float) -> float:
+        return 1.0 + self.rise * math.exp(-t / self.time_constant)
+
     def bounds(self, box: Box) -> Interval:
         return self.rise * box.level * (-box.t / self.time_constant).exponential()
 
@@ -516,6 +519,9 @@ class Drift(Effect):
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return level * p[0] * t
+
+    def level_factor(self, t: float) -> float:
+        return 1.0 + self.rate * t
 
     def bounds(self, box: Box) -> Interval:
         return self.rate * box.level * box.t

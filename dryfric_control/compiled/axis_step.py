@@ -1169,7 +1169,7 @@ def input_map(plant, t, memory, u):
 
 
 @internal
-def _next_corner(plant, u0, u1, part):
+def next_corner(plant, u0, u1, part):
     """First fraction beyond `part` of a way from u0 to u1 at which the input laws bend, or 1."""
     following = 1.0
     for k in range(plant.integers[N_CORNERS]):
@@ -1185,7 +1185,7 @@ def is_straight(plant, u0, u1):
     """Whether the input laws are linear between two inputs."""
     if plant.integers[N_CORNERS] == 0 or u0 == u1:
         return True
-    return _next_corner(plant, u0, u1, 0.0) == 1.0
+    return next_corner(plant, u0, u1, 0.0) == 1.0
 
 
 @internal(forceinline=True)
@@ -1208,7 +1208,7 @@ def _advance_bent(plant, t, u0, u1, h, memory, events, count):
     start, end = input_map(plant, t, memory, u0), input_map(plant, t, memory, u1)
     seen, part = (0.0, 0.0, 0), 0.0
     for k in range(plant.integers[N_CORNERS] + 1):
-        following = _next_corner(plant, u0, u1, part)
+        following = next_corner(plant, u0, u1, part)
         after = end
         if following < 1.0:
             after = input_map(plant, t, memory, u0 + following * (u1 - u0))

@@ -188,14 +188,21 @@ def run(numbers, integers, law, starts, ends, dt, y, unit, tolerance, longest, s
     for n in range(starts.size):
         t0, side = n * dt, _side(y[1])
         memory[0], memory[1] = y[0], y[1]
-        first = step.input_map(plant, t0, step.pointer(memory), starts[n])
-        last = step.input_map(plant, t0, step.pointer(memory), ends[n])
-        drive = step.Drive(first, (last - first) / dt, 0.0, 0.0)
         out[0, n], out[1, n], out[3, n] = y[0], y[1], side if abs(y[1]) > slow else 0.0
-        out[2, n] = _rates(plant, law, drive, t0, 0.0, side, y, rows[0])
-        length = _sample(
-            plant, law, drive, t0, dt, y, unit, tolerance, length, longest, rows
-        )  # fmt: skip
-        if length == 0.0:
-            return n
+        # The drive is linear between the inputs at which the laws on it bend.
+        part, rise = 0.0, ends[n] - starts[n]
+        after = step.input_map(plant, t0, step.pointer(memory), starts[n])
+        while part < 1.0:
+            following = step.next_corner(plant, starts[n], ends[n], part) if rise != 0.0 else 1.0
+            begin, h = after, (following - part) * dt
+            after = step.input_map(
+                plant, t0, step.pointer(memory), starts[n] + following * rise
+            )  # fmt: skip
+            drive, at = step.Drive(begin, (after - begin) / h, 0.0, 0.0), t0 + part * dt
+            if part == 0.0:
+                out[2, n] = _rates(plant, law, drive, t0, 0.0, side, y, rows[0])
+            length = _sample(plant, law, drive, at, h, y, unit, tolerance, length, longest, rows)
+            if length == 0.0:
+                return n
+            part = following
     return -1

@@ -95,7 +95,6 @@ def test_a_drive_bends_where_the_input_within_a_sample_does(effects, u, drive):
     assert run.y[1, 2] == pytest.approx(right + 0.75 * dt * drive(u[1]), rel=1e-8)
 
 
-@pytest.mark.xfail(reason="open: compiled smooth laws take the drive as linear", strict=True)
 def test_other_laws_take_the_drive_that_bends_too():
     axis = dfc.FrictionAxis(mass=1.0, viscous=0.0, coulomb=0.3, effects=(Saturation(1.0),))
     coarse = axis.simulate([0.0, 100.0, 100.0], 0.1, hold="first", law=dfc.laws.Tanh(speed=1e-4))

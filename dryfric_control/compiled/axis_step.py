@@ -1000,7 +1000,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, long
     while tau < h:
         # The mode is held until `resume`, see `crowded`.
         bound = h if tau >= resume else min(resume, h)
-        may = bound == h and switches < count[MOST]
+        may = tau >= resume and switches < count[MOST]
         if mode == 0:
             d = bound - tau
             s = 1.0

@@ -591,6 +591,8 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
     kind = side.integers[step.STRUCTURE]
     two, rubs = kind & step.SPRING != 0, kind & step.MOTOR_RUBS != 0
     before, rest, at = int(memory[step.MODE]), memory[step.REST], _masses(memory, two, rubs)
+    if not abs(at.y) < math.inf:  # as it is left by a motion that no step follows
+        return at.v, 0.0, before
     first, p, z, friction, m1, k1 = _begin_inner(
         side, drive, t0, at, memory[step.DEFLECTION], before, rest
     )
@@ -634,7 +636,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                 continue
         end_rest = rest + d if abs(mode) != 1 else 0.0
         part, left = d, math.inf
-        if bound == h and switches < count[step.MOST]:
+        if tau >= resume and switches < count[step.MOST]:
             left = _margin(side, drive, t0, tau + d, end, strain, mode, end_rest, flips, d)
             if mode == 0:
                 rate = _margin_rate(side, drive, at, end, m1, k1, m4, k4, d)

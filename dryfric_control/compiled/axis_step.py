@@ -128,7 +128,7 @@ N_INNER = 4
 
 # Local error of one step, relative to the velocity scale: far below the accuracy
 # guaranteed for switching times (1e-6 s) and far above round-off.
-TOLERANCE = 1e-8
+TOLERANCE = 3e-9
 # Relative accuracy of a friction level that depends on itself, and the evaluations for it.
 _EQUAL_LEVELS, _SECANTS = 1e-15, 12
 # exp(-40) is below the round-off of 1: the Stribeck term is zero beyond.

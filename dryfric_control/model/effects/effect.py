@@ -525,7 +525,7 @@ class Effect:
         return 0.0, 0.0
 
     def level_factor(self, t: float) -> float:
-        """Coulomb level at a time over that without it, of an effect that changes it with time.
+        """Coulomb level at a time over that without this effect.
 
         Parameters
         ----------

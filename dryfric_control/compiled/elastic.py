@@ -869,7 +869,12 @@ def _passes(start, end, bend):
 def _first_touch(plant, drive, t, d, lead, most, known, memory, scratch, events, count):
     """Part of a flight in which motor and load first touch: both ends, and the leads there."""
     # `lead` is that after d, `most` the largest relative acceleration; `known`: listed switches.
-    half, finest = plant.numbers[step.HALF_GAP], _FINEST_LOOK * d
+    # Between them it looks no closer where the velocities change by less than noise hides.
+    half, finest, hidden = (
+        plant.numbers[step.HALF_GAP],
+        _FINEST_LOOK * d,
+        plant.numbers[step.ALLOWED],
+    )
     a, start, length, looked = 0.0, -memory[step.OFFSET], d, d
     b, end = d, lead
     while a < d:
@@ -880,8 +885,9 @@ def _first_touch(plant, drive, t, d, lead, most, known, memory, scratch, events,
             end = _apart(plant, drive, t, b, memory, scratch, events, count)
         if abs(end) >= half:
             break
-        passes = _passes(half - abs(start), half - abs(end), most * (b - a) * (b - a))
-        if passes and b - a > 1.01 * finest:
+        speed = most * (b - a)
+        passes = _passes(half - abs(start), half - abs(end), speed * (b - a))
+        if passes and b - a > 1.01 * finest and speed > hidden:
             length = max(0.5 * (b - a), finest)
             continue
         length = max(2.0 * (b - a), finest)
@@ -898,7 +904,8 @@ def _first_touch(plant, drive, t, d, lead, most, known, memory, scratch, events,
 def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, count):
     """First part of a motion in contact after which the contact pulls, and its force; or d."""
     # `end` is the contact force after d; `known`: listed switches.
-    finest, state = _FINEST_LOOK * d, step.spare_memory()
+    # It looks no closer where the pull changes velocities by less than noise hides.
+    finest, state, hidden = _FINEST_LOOK * d, step.spare_memory(), plant.numbers[step.ALLOWED]
     _state_of_one(plant, memory, state)
     start = _push(plant, drive, t, state, side)
     rate = _pace(plant, drive, t, d, state)[1]
@@ -913,7 +920,9 @@ def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, c
             force = _joined(plant, drive, t, b, memory, side, scratch, events, count)
         if force < 0.0:
             break
-        if start + force < rate * (b - a) and b - a > 1.01 * finest:
+        change = rate * (b - a)
+        seen = change * (b - a) * plant.numbers[step.INVERSE_MOTOR] > hidden
+        if start + force < change and b - a > 1.01 * finest and seen:
             length = shorter(b - a, start, rate, finest)
             continue
         length, a, start = max(2.0 * (b - a), finest), b, force

@@ -164,8 +164,8 @@ def _joint_states(write, kind, header):
         write(stamp + int(late[k]), message)
 
 
-def ros1(folder: Path) -> Path:
-    """A bag of ROS 1 of joint states; the messages arrived out of order."""
+def ros1(folder: Path, header_stamps: bool = True) -> Path:
+    """A bag of ROS 1: joint states out of order, or two topics of numbers without a header."""
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -179,13 +179,26 @@ def ros1(folder: Path) -> Path:
         return head(seq=0, stamp=stamp(sec=ns // 10**9, nanosec=ns % 10**9), frame_id="")
 
     with Writer(path) as bag:
-        kind = "sensor_msgs/msg/JointState"
-        topic = bag.add_connection("/joint_states", kind, typestore=store)
-        _joint_states(
-            lambda at, one: bag.write(topic, at, store.serialize_ros1(one, kind)),
-            kinds[kind], header,
-        )  # fmt: skip
+        if header_stamps:
+            kind = "sensor_msgs/msg/JointState"
+            topic = bag.add_connection("/joint_states", kind, typestore=store)
+            _joint_states(
+                lambda at, one: bag.write(topic, at, store.serialize_ros1(one, kind)),
+                kinds[kind], header,
+            )  # fmt: skip
+        else:
+            _two_topics(bag, store, store.serialize_ros1)
     return path
+
+
+def _two_topics(bag, store, serialized):
+    """Position and torque as topics of numbers, each on its own clock, in order of arrival."""
+    kind = "std_msgs/msg/Float64"
+    topics = [bag.add_connection(name, kind, typestore=store) for name in ("/position", "/torque")]
+    rows = [(START + k * MS, topics[0], x) for k, x in enumerate(X)]
+    rows += [(START + int(k) * MS, topics[1], u) for k, u in zip(SLOW, U, strict=True)]
+    for at, topic, value in sorted(rows, key=lambda row: row[0]):
+        bag.write(topic, at, serialized(store.types[kind](data=float(value)), kind))
 
 
 def ros2(folder: Path, header_stamps: bool = True) -> Path:
@@ -210,14 +223,7 @@ def ros2(folder: Path, header_stamps: bool = True) -> Path:
                 kinds[kind], header,
             )  # fmt: skip
             return path
-        kind = "std_msgs/msg/Float64"
-        topics = [
-            bag.add_connection(name, kind, typestore=store) for name in ("/position", "/torque")
-        ]
-        rows = [(START + k * MS, topics[0], x) for k, x in enumerate(X)]
-        rows += [(START + int(k) * MS, topics[1], u) for k, u in zip(SLOW, U, strict=True)]
-        for at, topic, value in sorted(rows, key=lambda row: row[0]):
-            bag.write(topic, at, store.serialize_cdr(kinds[kind](data=float(value)), kind))
+        _two_topics(bag, store, store.serialize_cdr)
     return path
 
 

@@ -19,6 +19,10 @@ FILES = {
     "tdms": (logs.tdms, "nptdms", {}),
     "tdms of DIAdem": (logs.tdms_with_times, "nptdms", {}),
     "ros 1": (logs.ros1, "rosbags", dict(joint="b")),
+    "ros 1, no headers": (
+        functools.partial(logs.ros1, header_stamps=False), "rosbags",
+        dict(columns={"u": "/torque.data", "x": "/position.data"}),
+    ),
     "ros 2": (logs.ros2, "rosbags", dict(joint="b")),
     "ros 2, no headers": (
         functools.partial(logs.ros2, header_stamps=False), "rosbags",

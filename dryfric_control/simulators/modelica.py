@@ -100,7 +100,8 @@ def to_modelica(
     ()
     """
     path, raw, place = read_model(model, out)
-    bare = _SKIPPED.sub(lambda found: b" " * len(found[0]), raw)
+    # A comment may stand anywhere; a text is none, though what it holds is of no account.
+    bare = _SKIPPED.sub(lambda one: (b'"' if one[0][:1] == b'"' else b" ") * len(one[0]), raw)
     bare = _QUOTED.sub(lambda found: b"_" * len(found[0]), bare)
     there: dict[str, list[_Component]] = {}
     for one in _components(raw, bare):

@@ -112,7 +112,8 @@ def _origin(clocks: Any) -> int | float:
 def _readings(stamps: Any, values: Any, origin: int | float) -> _Readings:
     """Numbers of a channel in order of time, without those that are missing or come twice."""
     when = np.asarray(stamps)
-    since = (when - origin).astype(np.float64) if when.dtype.kind in "iu" else when - origin
+    with np.errstate(invalid="ignore"):  # a stamp that is no number is left out below
+        since = (when - origin).astype(np.float64) if when.dtype.kind in "iu" else when - origin
     array = np.asarray(values)
     there = np.isfinite(since)
     if array.dtype.kind == "f":

@@ -10,6 +10,7 @@ import pytest
 from made_logs import write
 
 import dryfric_control as dfc
+from dryfric_control.records.readers.can_log import _object_size
 from dryfric_control.records.readers.limits import BoundedFile
 from dryfric_control.records.readers.sources import _TABLES
 
@@ -282,3 +283,10 @@ def test_a_flight_log_cut_off_in_its_definitions_is_refused(tmp_path):
     path.write_bytes(content[: first + 10])
     with pytest.raises(ValueError, match=f"damaged definitions at byte {first - 2}"):
         dfc.read_record(path)
+
+
+def test_an_object_of_a_blf_that_is_shorter_than_its_head_is_refused():
+    head = b"LOBJ" + (16).to_bytes(2, "little") + (1).to_bytes(2, "little")
+    with pytest.raises(ValueError, match="an object of 8 bytes is shorter than its own head"):
+        _object_size(head + (8).to_bytes(4, "little") + bytes(4), 0)
+    assert _object_size(head + (40).to_bytes(4, "little") + bytes(4), 0) == 40

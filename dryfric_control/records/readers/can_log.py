@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,6 +30,11 @@ _CIA402 = {
 _PDOS = ((0x1800, 0x1A00), (0x1400, 0x1600))
 _NODES = 0x7F
 _VALID = 1 << 31  # bit of an identifier of a PDO that is switched off
+# Lengths of the heads of an object of a BLF and of a container [byte]; type and packing of one.
+_OBJECT_HEAD = 16
+_CONTAINER_HEAD = 16
+_CONTAINER = 10
+_DEFLATED = 2
 _ASC_TIME = re.compile(r"\s*(\d+\.\d+)(\s.*)", re.DOTALL)
 
 
@@ -50,6 +56,8 @@ class CanLog(MessageLog):
         super().__init__(path, wanted)
 
     def _messages(self, *libraries: Any) -> Iterator[tuple[str, int, Any]]:
+        if self.path.suffix.lower() == ".blf":
+            _check_objects(self.path)
         # Whole files may have several nodes or buses; frames without a meaning are passed over.
         with _reader(libraries[0], self.path) as frames:
             for frame in frames:
@@ -59,6 +67,31 @@ class CanLog(MessageLog):
                     found = decoder.signals(frame.arbitration_id, bytes(frame.data))
                     for topic, values in found:
                         yield topic, round(1e9 * frame.timestamp), values
+
+
+def _check_objects(path: Path) -> None:
+    """Refuse a BLF with an object shorter than its own head: the library would not get past it."""
+    content, packed = path.read_bytes(), b""
+    at = int.from_bytes(content[4:8], "little")
+    while content[at : at + 4] == b"LOBJ":
+        size = _object_size(content, at)
+        if int.from_bytes(content[at + 12 : at + 16], "little") == _CONTAINER:
+            inside = content[at + _OBJECT_HEAD + _CONTAINER_HEAD : at + size]
+            method = int.from_bytes(content[at + _OBJECT_HEAD :][:2], "little")
+            packed += zlib.decompressobj().decompress(inside) if method == _DEFLATED else inside
+        at += size + size % 4
+    at = packed.find(b"LOBJ", 0, 8)
+    while at >= 0:
+        at = packed.find(b"LOBJ", at + _object_size(packed, at), at + _object_size(packed, at) + 8)
+
+
+def _object_size(content: bytes, at: int) -> int:
+    """Length of an object of a BLF, its head included."""
+    head = content[at : at + _OBJECT_HEAD]
+    size = int.from_bytes(head[8:12], "little")
+    if len(head) == _OBJECT_HEAD and size < _OBJECT_HEAD:
+        raise ValueError(f"an object of {size} bytes is shorter than its own head")
+    return max(size, _OBJECT_HEAD)
 
 
 def _paths(database: Any) -> Sequence[Path]:

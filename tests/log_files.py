@@ -180,15 +180,19 @@ def ros1(folder: Path, header_stamps: bool = True) -> Path:
 
     with Writer(path) as bag:
         if header_stamps:
-            kind = "sensor_msgs/msg/JointState"
-            topic = bag.add_connection("/joint_states", kind, typestore=store)
-            _joint_states(
-                lambda at, one: bag.write(topic, at, store.serialize_ros1(one, kind)),
-                kinds[kind], header,
-            )  # fmt: skip
+            _joint_topic(bag, store, store.serialize_ros1, header)
         else:
             _two_topics(bag, store, store.serialize_ros1)
     return path
+
+
+def _joint_topic(bag, store, serialized, header):
+    """Joint states as one topic."""
+    kind = "sensor_msgs/msg/JointState"
+    topic = bag.add_connection("/joint_states", kind, typestore=store)
+    _joint_states(
+        lambda at, one: bag.write(topic, at, serialized(one, kind)), store.types[kind], header
+    )
 
 
 def _two_topics(bag, store, serialized):
@@ -216,12 +220,7 @@ def ros2(folder: Path, header_stamps: bool = True) -> Path:
 
     with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as bag:
         if header_stamps:
-            kind = "sensor_msgs/msg/JointState"
-            topic = bag.add_connection("/joint_states", kind, typestore=store)
-            _joint_states(
-                lambda at, one: bag.write(topic, at, store.serialize_cdr(one, kind)),
-                kinds[kind], header,
-            )  # fmt: skip
+            _joint_topic(bag, store, store.serialize_cdr, header)
             return path
         _two_topics(bag, store, store.serialize_cdr)
     return path

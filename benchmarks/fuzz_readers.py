@@ -28,7 +28,7 @@ for _folder in (Path(__file__).resolve().parents[1] / "tests", Path(__file__).re
 
 import damage  # noqa: E402
 
-ROUND = 500  # examples between two looks at the clock
+ROUND = 100  # examples of one kind before the next kind has its turn
 
 
 def fuzz(

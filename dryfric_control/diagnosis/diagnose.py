@@ -503,7 +503,10 @@ def _force_first(search: Search, recorded: Sequence[Any]) -> tuple[Search, Model
     if any(a.u is not b.u for a, b in zip(recorded, problem.runs, strict=True)):
         fit = _refit(problem, fit, COMPARISON_ITERATIONS)
     search.now = Model(fit, found.causes)
-    model = search.run(search.pruned(search.now))
+    begin = search.pruned(search.now)
+    if builds_up:
+        begin = search.after_reversals(search.now, begin)
+    model = search.run(begin)
     again = _reconsidered(search, model, recorded)
     if again is not None:
         search, model = again
@@ -552,7 +555,9 @@ def _reconsidered(
             other, fit = less, alone
     if fit is model.fit:
         return None
-    again = Search(other, search.tell, search.not_tried, dict(search.odds), search.first)
+    again = Search(
+        other, search.tell, search.not_tried, dict(search.odds), search.first, before=search,
+    )  # fmt: skip
     again.now = Model(fit, model.causes)
     return again, again.run(again.pruned(again.now))
 

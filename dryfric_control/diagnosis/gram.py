@@ -89,6 +89,11 @@ def _level(effect: type[Effect]) -> bool:
     return effect.action == "friction" or effect.axis_field == "stribeck"
 
 
+def _builds_up(name: str) -> bool:
+    """Whether friction builds up after reversals by an effect, or by what has this name."""
+    return name == REVERSAL or effect_class(name).action in ("contact", "transmission")
+
+
 @dataclass(frozen=True)
 class Item:
     """One shape of an effect."""
@@ -538,10 +543,13 @@ class Gram:
     ) -> tuple[float, int]:
         """The effect's item with the largest gain beside chosen ones, or one of `also`."""
         names = {self.items[g].name for g in chosen}
+        # Two that build friction up after a reversal do not add up: one gives way to the other.
+        builds_up = any(_builds_up(n) for n in names)
         actions = {effect_class(n).action for n in names - {REVERSAL}} & {*EXCLUSIVE_ACTIONS}
         some = [
             g for g, one in enumerate(self.items)
             if one.name not in names and one.name not in barred
+            and not (builds_up and _builds_up(one.name))
             and (one.name in also or (
                 one.name != REVERSAL and effect_class(one.name).action not in actions
             ))

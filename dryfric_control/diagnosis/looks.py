@@ -17,10 +17,10 @@ from dryfric_control.diagnosis.invariants import impossible, unsound
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
-    CONVERGED_GAIN,
     FINE_GRID_FACTORS,
     FIT_SLACK,
     GRID_FACTORS,
+    MIN_DECIDING_GAIN,
     MIN_EVIDENCE,
     REMAINING_GAIN_RATIO,
 )  # fmt: skip
@@ -164,6 +164,12 @@ class ProposalFits:
         self.noises = screening_noises(self.problem, self.now)
         self._levels = dict[float, float]()
 
+    def begin_with(self, name: str, fit: Solution) -> None:
+        """Add the row of an effect that was fitted beside the model before."""
+        own = _own(self.problem.free_of(fit), name)
+        gain, worth = self.now.cost - fit.cost, self._worth(fit, (name,))
+        self.rows.append(FittedProposal((name,), own, fit, worth, (math.inf, gain)))
+
     def fit(self, proposals: Sequence[Proposal]) -> None:
         """Fit some proposals, and add their rows."""
         top = self._top()
@@ -185,15 +191,15 @@ class ProposalFits:
             if fit is None:
                 continue
             turns = last.turns + FIRST_ITERATIONS
+            hope = min(fit.promised, last.fit.cost - fit.cost)
             if (
-                fit.promised < CONVERGED_GAIN
+                REMAINING_GAIN_RATIO * hope < MIN_DECIDING_GAIN
                 or fit.iterations < FIRST_ITERATIONS - 1
                 or turns >= COMPARISON_ITERATIONS
             ):
                 self.rows.append(self._restored(self._row(last, fit), last.proposal.held))
                 top = self._top()
             else:
-                hope = min(fit.promised, last.fit.cost - fit.cost)
                 waiting.append(PartialFit(last.proposal, fit, hope, last.first, turns))
 
     def _worth_a_step(self, waiting: Sequence[PartialFit], top: _Top) -> list[PartialFit]:
@@ -249,19 +255,10 @@ class ProposalFits:
             likelihood = problem.likelihood(one.axis, (*self.free, *one.free), each=each_of(now))
             # A random force that accelerates as much.
             alike = with_force_factor(self.noises, one.quieter * one.axis.mass / now.axis.mass)
-            starts = [likelihood.start(noises=alike)]
+            start = likelihood.start(noises=alike)
             if one.remembers:
-                starts = [grid_search(likelihood, starts[0], one.remembers, alike)]
-                # There the base takes up what the shape should, which may lead astray.
-                starts.append(force_continuation(likelihood, starts[0], until=until))
-            fits = (
-                fit_with_fixed_noises(likelihood, with_noises(z, alike), until=until)
-                for z in starts
-            )
-            fit = min(fits, key=cost_of)
-            if one.remembers and math.isfinite(fit.cost):
-                there = best_factors(likelihood, fit.z, one.remembers, FINE_GRID_FACTORS)
-                fit = fit_with_fixed_noises(likelihood, there, until=until)
+                start = self._remembering_start(likelihood, start, one.remembers, alike)
+            fit = fit_with_fixed_noises(likelihood, start, until=until)
             if not math.isfinite(fit.cost):
                 likelihood.at(fit.z)  # says why there is no such axis
                 return None
@@ -273,6 +270,22 @@ class ProposalFits:
         except (ValueError, ArithmeticError) as wrong:
             self.fail("+".join(one.names), str(wrong))
             return None
+
+    def _remembering_start(
+        self, likelihood: Likelihood, z: FloatArray, own: Sequence[str], noises: FloatArray
+    ) -> FloatArray:
+        """Where to begin with a shape with a memory, from a part of the records."""
+        part, until = likelihood.on(self.problem.lively), self.problem.until
+        starts = [grid_search(part, z, own, noises)]
+        # There the base takes up what the shape should, which may lead astray.
+        starts.append(force_continuation(part, starts[0], until=until))
+        fits = [
+            fit_with_fixed_noises(part, with_noises(one, noises), until=until) for one in starts
+        ]
+        fit = min(fits, key=cost_of)
+        if not math.isfinite(fit.cost):
+            return z
+        return best_factors(part, fit.z, own, FINE_GRID_FACTORS)
 
     def _rest(self, look: PartialFit, lost: Sequence[str]) -> Proposal:
         """A proposal without some of its effects, from where its look ended."""

@@ -21,6 +21,7 @@ from dryfric_control.diagnosis.thresholds import (
     MIN_LINE_LEAD,
     MIN_MODEL_LEAD,
     NEGLIGIBLE_FORCE_RATIO,
+    SEARCH_REVERSALS,
 )
 from dryfric_control.estimation.force_view import ForceView
 from dryfric_control.estimation.likelihood import BASE, NORMAL_VARIANCE_RATIO, Likelihood, Run
@@ -76,6 +77,12 @@ class Problem:
     def motions(self) -> tuple[SmoothedMotion, ...]:
         """Smoothed motion of each record."""
         return tuple(SmoothedMotion.of(r.record, self.believed.mass) for r in self.runs)
+
+    @cached_property
+    def lively(self) -> tuple[Run, ...]:
+        """Each record on the stretch with the fastest strokes: it tells where a fit begins."""
+        pairs = zip(self.runs, self.motions, strict=True)
+        return tuple(_with_long_strokes(run, motion) for run, motion in pairs)
 
     @cached_property
     def scales(self) -> Scales:
@@ -276,3 +283,23 @@ def each_of(fit: Solution) -> dict[tuple[str, int], float]:
     """Values of the parameters that every record has of its own."""
     rows = zip(fit.problem.parameters, fit.problem.place, fit.z, strict=False)
     return {(one.name, i): one.value(c) for one, i, c in rows if i >= 0}
+
+
+def _with_long_strokes(run: Run, motion: SmoothedMotion) -> Run:
+    """A record on the stretch of `SEARCH_REVERSALS` successive reversals with the fastest strokes.
+
+    What builds up after a reversal ends within a long stroke; whole if it has no more reversals.
+    """
+    sliding = np.flatnonzero(motion.direction)
+    turned = np.flatnonzero(np.diff(motion.direction[sliding]))
+    reversals = np.array([0, *sliding[turned + 1], len(run.record)])
+    starts, ends = reversals[: -SEARCH_REVERSALS - 1], reversals[SEARCH_REVERSALS + 1 :]
+    if not starts.size or len(run.pieces) > 1:
+        return run
+    path = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(motion.x)))))
+    path = np.append(path, path[-1])
+    best = int(np.argmax((path[ends] - path[starts]) / (ends - starts)))
+    start, end = int(starts[best]), int(ends[best])
+    active = run.active.copy()
+    active[:start] = active[end:] = False
+    return replace(run, active=active, pieces=((start, end),))

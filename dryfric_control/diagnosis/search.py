@@ -47,7 +47,7 @@ from dryfric_control.estimation.scoring import (
 )
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import named
+from dryfric_control.model.effects.naming import named, put
 
 FloatArray = NDArray[np.float64]
 #: The effects that are a delay and a limit of the drive.
@@ -104,6 +104,12 @@ class Search:
     _spared_rounds: set[frozenset[str]] = field(default_factory=set)
     #: Starts with one effect in the place of a cause or two.
     _merges: dict[frozenset[str], list[Any]] = field(default_factory=dict)
+    #: Sets of causes in which nothing was worth an exchange.
+    kept: set[frozenset[str]] = field(default_factory=set)
+    #: Effects that were fitted beside sets of causes and came to nothing.
+    idle: dict[frozenset[str], set[frozenset[str]]] = field(default_factory=dict)
+    #: The search with other inputs, whose decisions against effects and exchanges still hold.
+    before: Search | None = None
     #: The pass of the last round.
     view: ModelView | None = None
 
@@ -173,6 +179,31 @@ class Search:
         view = ForceView(self.problem, fit.axis)
         return Gram(self.problem, fit, names, self._fail, view)
 
+    def after_reversals(self, forces: Model, begin: Model) -> Model:
+        """The likeliest of three: a model by forces, one effect with a memory, and both together.
+
+        Beside friction that builds up too soon false forces seem to act, and beside those the
+        contact is another one: each is found without the other first.
+        """
+        problem = self.problem
+        if not begin.causes:
+            return begin  # the search begins with an effect beside none anyway
+        alone = Model(problem.fit(problem.believed, noises=noises_of(problem.nominal_fit)))
+        some = {n for n in self._addable(alone) if effect_class(n).remembers}
+        row = self._chosen(alone, self.round(alone, among=some) if some else ())
+        if row is None:
+            return begin
+        contact, axis = Model(row.fit, row.names), row.fit.axis
+        for name, effect in named(forces.fit.axis).items():
+            if name in forces.causes:
+                axis = put(axis, name, effect)
+        free = (*problem.free_of(row.fit), *problem.free_of(forces.fit))
+        joined = Model(fit_beside(problem, axis, free, row.fit), (*row.names, *forces.causes))
+        best = begin
+        for one in (contact, self.pruned(joined)):
+            best = one if self.over(one, best) > 0.0 else best
+        return self.weighed(best)
+
     def run(self, now: Model) -> Model:
         """Causes added, exchanged and dropped until the set stays; the likeliest set on the way."""
         seen = dict[frozenset[str], float]()
@@ -196,12 +227,18 @@ class Search:
                     if frozenset(now.causes) == key and row.evidence > STRONG_EVIDENCE:
                         now = self.together(joined) or now
                 # Nothing joins, or what did is not there beside the others.
-                if now.causes and frozenset(now.causes) == key:
+                if now.causes and frozenset(now.causes) == key and not self._kept_before(key):
                     self.tell("exchange", now.causes)
                     now = self.exchanged(now)
+                    if frozenset(now.causes) == key:
+                        self.kept.add(key)
                 continue
             break
         return now if self.over(now, top) > -EQUAL_EVIDENCE else top
+
+    def _kept_before(self, key: frozenset[str]) -> bool:
+        """Whether an exchange in a set of causes was decided against with other inputs."""
+        return self.before is not None and key in self.before.kept
 
     def together(self, joined: Model) -> Model | None:
         """A model with one cause more, if free runs show that, or what joined, beside each other.
@@ -264,11 +301,13 @@ class Search:
         return min((r for r in good if r.evidence > top - EQUAL_EVIDENCE), key=_assumptions)
 
     def round(
-        self, now: Model, other: Solution | None = None, among: Collection[str] = ()
-    ) -> list[FittedProposal]:
+        self, now: Model, other: Solution | None = None, among: Collection[str] = (),
+        known: tuple[str, Solution] | None = None,
+    ) -> list[FittedProposal]:  # fmt: skip
         """Proposals beside a model, fitted; none where nothing is left to explain.
 
-        `other`: another explanation; `among`: the effects that are proposed, all if empty.
+        `other`: another explanation; `among`: the effects that are proposed, all if empty;
+        `known`: an effect that was fitted beside it, and that fit.
         """
         if self.problem.spent(now.fit):
             return []
@@ -278,11 +317,16 @@ class Search:
                 return self._rounds[key][1]
         grams = self._grams(now)
         looks = ProposalFits(self.problem, now.fit, self.odds, self._fail)
-        looks.fit(_about(among, self._proposals(now, grams)))
+        if known is not None:
+            looks.begin_with(*known)
+        tried = self._open(key, _about(among, self._proposals(now, grams)))
+        looks.fit(tried)
         if self._memory_wanted(now, grams, looks, other, among):
             for gram in grams:
                 gram.simulate()
-            looks.fit(_about(among, self._proposals(now, grams)))
+            shapes = self._open(key, _about(among, self._proposals(now, grams)))
+            looks.fit(shapes)
+            tried += shapes
             self._spared_rounds.discard(key)
         elif other is not None:
             self._spared_rounds.add(key)
@@ -291,11 +335,18 @@ class Search:
         if self.view is not None:
             looks.translate(self.view)
         rows = looks.rows
+        good = {frozenset(r.names) for r in looks.good}
+        self.idle.setdefault(key, set()).update({frozenset(p.names) for p in tried} - good)
         if not now.causes:
             gains = {r.names[0]: now.fit.cost - r.fit.cost for r in rows if len(r.names) == 1}
             self.first = self.first | gains
         self._rounds[key] = now.fit, rows
         return rows
+
+    def _open(self, key: frozenset[str], some: list[Proposal]) -> list[Proposal]:
+        """Proposals beside a set of causes that were not decided against with other inputs."""
+        idle = self.before.idle.get(key, ()) if self.before is not None else ()
+        return [one for one in some if frozenset(one.names) not in idle]
 
     def _memory_wanted(
         self, now: Model, grams: Sequence[Gram], looks: ProposalFits, other: Solution | None,
@@ -508,7 +559,8 @@ class Search:
         for name in sorted(now.worth, key=now.worth.__getitem__)[:MAX_EXCHANGED_CAUSES]:
             less = now.less[name]
             rivals = self._rivals(less, name)
-            for row in self.round(less, now.fit, rivals) if rivals else ():
+            known = (name, now.fit)
+            for row in self.round(less, now.fit, rivals, known) if rivals else ():
                 causes = (*less.causes, *row.names)
                 same = {*causes} == {*now.causes} or len(causes) > MAX_CAUSES
                 if same or row.reason or self.over(Model(row.fit, causes), now) < least:
@@ -535,9 +587,7 @@ class Search:
         found = _doing_as_much(left, mine)
         if remembers or REVERSAL in found:
             found |= {n for n in gram.names if effect_class(n).remembers}
-        # Beside itself, so that those that act alike are fitted from where the better one ends.
-        found -= {name, REVERSAL}
-        return found | {name} if found else found
+        return found - {name, REVERSAL}
 
     def rivals_of_base(self, found: Solution) -> set[str]:
         """Effects that leave as little of the force as another base does, beside a nominal one."""

@@ -39,11 +39,16 @@ GRID_FACTORS = ((0.3, 0.5, 0.7, 1.4, 2.0, 3.0), (0.85, 1.2))
 # The same where a first fit ends, as finely as the ridges of the likelihood are wide.
 FINE_GRID_FACTORS = tuple(1.12**k for k in range(-18, 19) if k)
 
+# Successive reversals of a record in which the fit of a shape with a memory finds where to begin.
+SEARCH_REVERSALS = 6
+
 # Full fits.
 # Difference of costs within which a proposal is fitted on, or a start counts as likely.
 FIT_SLACK = 8.0
 # Ratio of what a fit may still gain to what its last step brought and promises.
 REMAINING_GAIN_RATIO = 5.0
+# What a fit may still gain below which it decides nothing: a quarter of EQUAL_EVIDENCE.
+MIN_DECIDING_GAIN = 1.0
 # Predicted fall of the cost below which a fit ends.
 CONVERGED_GAIN = 0.05
 

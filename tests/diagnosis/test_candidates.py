@@ -9,7 +9,7 @@ from diagnosis_cases import among, driven
 import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import placed
 from dryfric_control.diagnosis.causes import cause_of, changing, hardly_determined
-from dryfric_control.diagnosis.gram import Proposal
+from dryfric_control.diagnosis.gram import Gram, Proposal
 from dryfric_control.diagnosis.invariants import impossible, unsound
 from dryfric_control.diagnosis.looks import ProposalFits
 from dryfric_control.diagnosis.problem import Problem
@@ -220,3 +220,60 @@ def test_a_joined_proposal_goes_on_without_what_comes_to_nothing():
     (row,) = looks.rows
     assert row.names == ("spring",)
     assert row.fit.values()["spring.stiffness"] == pytest.approx(40.0, rel=1e-3)
+
+
+def test_a_start_is_sought_where_the_strokes_are_fastest():
+    record = driven(AXIS, 8.0)
+    slow = record.t < 4.0
+    # The first half at a third of the speed: the same reversals over shorter strokes.
+    x = np.where(slow, record.x / 3.0, record.x)
+    whole = prepare(dfc.Record(record.t, record.u, x, units=record.units))
+    problem = Problem(AXIS, (whole,))
+    (part,) = problem.lively
+    ((start, end),) = part.pieces
+    assert start > 3900 and end - start < 4000
+    assert part.active.sum() == end - start
+    # What it costs there is what the filter finds when it begins there.
+    likelihood = problem.likelihood(AXIS)
+    point = likelihood.on((part,)).at(likelihood.start())
+    assert np.all(point.out[0][:, :start] == 0.0)
+    assert math.isfinite(point.cost)
+
+
+def test_a_record_with_few_reversals_is_sought_as_a_whole():
+    problem = Problem(AXIS, (prepare(driven(AXIS, 1.0)),))
+    assert problem.lively[0] is problem.runs[0]
+
+
+def test_one_effect_at_a_time_builds_friction_up():
+    play = AXIS.replace(effects=(dfc.effects.Presliding(2e-4),))
+    problem = Problem(AXIS, (prepare(driven(play, 2.0)),))
+    names = ("presliding", "backlash", "compliance", "bias_force")
+    with among(*names):
+        gram = Gram(problem, problem.fit(AXIS), names, lambda name, reason: None)
+        gram.simulate()
+        sets = [{gram.items[g].name for g in some} for _, some in gram.sets()]
+    assert {"presliding"} in sets
+    assert all(len(some - {"bias_force"}) == 1 for some in sets)
+
+
+def test_what_came_to_nothing_is_not_fitted_again_with_other_inputs():
+    problem = Problem(AXIS, (prepare(driven(SPRUNG)),))
+    now = Model(problem.fit(AXIS))
+    with among("spring", "bias_force"):
+        first = Search(problem)
+        (row,) = first.round(now)
+        first.idle[frozenset()].add(frozenset(row.names))
+        again = Search(problem, before=first)
+        assert row.names == ("spring",)
+        assert again.round(now) == []
+
+
+def test_an_effect_that_was_fitted_before_is_a_row_of_the_round():
+    problem = Problem(AXIS, (prepare(driven(SPRUNG)),))
+    found, odds = problem.fit(SPRUNG, SPRING), {"spring": 0.0}
+    looks = ProposalFits(problem, problem.fit(AXIS), odds, lambda names, reason: None)
+    looks.begin_with("spring", found)
+    (row,) = looks.good
+    assert row.fit is found
+    assert row.free == SPRING

@@ -31,7 +31,9 @@ _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "micron": 1e-6, "nm": 
             "foot": _FOOT, "feet": _FOOT}  # fmt: skip
 _ANGLES = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": _DEGREE, "degree": _DEGREE,
            "degrees": _DEGREE, "°": _DEGREE, "arcmin": _DEGREE / 60, "arcsec": _DEGREE / 3600,
-           "rev": _TURN, "revs": _TURN, "turn": _TURN, "turns": _TURN}  # fmt: skip
+           "rev": _TURN, "revs": _TURN, "turn": _TURN, "turns": _TURN,
+           **dict.fromkeys(("Grad", "degré", "degrés", "grados", "gradi", "graus", "graden"),
+                           _DEGREE)}  # fmt: skip
 _FORCES = {"N": 1.0, "uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "kN": 1e3, "MN": 1e6, "lbf": _POUND,
            "lb": _POUND, "kip": 1e3 * _POUND, "klbf": 1e3 * _POUND, "ozf": _POUND / 16,
            "oz": _POUND / 16, "kgf": 9.80665, "gf": 9.80665e-3}  # fmt: skip
@@ -60,14 +62,18 @@ _TABLE: dict[str, Unit] = {
        for t, s in _TIMES.items()},
     **{f"{k}/{t}": Unit(f / s, "rad/s", "angular velocity") for k, f in _ANGLES.items()
        for t, s in _TIMES.items()},
-    "rpm": Unit(_TURN / 60, "rad/s", "angular velocity"),
+    # Turns a minute as drives of each country print them.
+    **dict.fromkeys(("rpm", "RPM", "U/min", "Umdr/min", "1/min", "min-1", "min^-1", "tr/min",
+                     "giri/min", "omw/min", "obr/min", "ot/min"),
+                    Unit(_TURN / 60, "rad/s", "angular velocity")),
     **{f"{k}/{s}": Unit(f, "m/s^2", "acceleration") for k, f in _LENGTHS.items()
        for s in ("s2", "s^2", "s²")},
     **{f"{k}/{s}": Unit(f, "rad/s^2", "angular acceleration") for k, f in _ANGLES.items()
        for s in ("s2", "s^2", "s²")},
     "g": Unit(9.80665, "m/s^2", "acceleration"),
     **dict.fromkeys(("counts", "count", "cnt", "cnts", "cts", "inc", "incs", "increments", "ticks",
-                     "tick", "LSB", "lsb", "digits", "pulses"), Unit(1.0, "counts", "raw")),
+                     "tick", "LSB", "lsb", "digits", "pulses", "Inkremente", "Ink",
+                     "Impulse", "impulsions", "pulsos", "impulsi"), Unit(1.0, "counts", "raw")),
     **dict.fromkeys(("%", "percent"), Unit(1.0, "%", "raw")),
     **dict.fromkeys(("‰", "permille", "0.1 %", "0.1%"), Unit(0.1, "%", "raw")),
     **dict.fromkeys(("pu", "p.u."), Unit(100.0, "%", "raw")),
@@ -92,10 +98,17 @@ _USUAL = {
 }
 
 
+# A power of ten before a unit: 0.1 %, 0,01 mm, 1000 N.
+_TIMES_TEN = re.compile(r"(10+|0[.,]0*1)\s*(\D.*)")
+
+
 def known_unit(unit: str) -> Unit | None:
     """The unit of a name, None for a name that is not known."""
     text = unit.strip().replace("µ", "u").replace("μ", "u")
     found = _TABLE.get(text)
+    if found is None and (match := _TIMES_TEN.fullmatch(text)):
+        part = known_unit(match[2])
+        return part and part._replace(factor=float(match[1].replace(",", ".")) * part.factor)
     if found is None:
         # Only a product or a quotient has marks in it: "m rad" is not "mrad".
         joined = _TABLE.get(re.sub(r"[\s·⋅*.-]", "", text))
@@ -108,20 +121,22 @@ def si_unit(role: str, unit: str) -> tuple[float, str]:
     if not isinstance(unit, str):
         raise ValueError(f"the unit of {role} must be text, got {unit!r}")
     unit = unit.strip()
-    if not unit.isprintable() or len(unit) > 20 or re.search(r"[\[\](),;\"#]", unit):
-        raise ValueError(
-            f"unit {unit[:40]!r} of {role} must be a short word without brackets, commas, "
-            'semicolons, quotes or "#"'
-        )
     base = _SAME.get(role, role)
     found = known_unit(unit)
+    if found is None and (
+        not unit.isprintable() or len(unit) > 20 or re.search(r"[\[\](),;\"#]", unit)
+    ):
+        raise ValueError(
+            f"unit {unit[:40]!r} of {role} must be a short word without brackets, commas, "
+            f'semicolons, quotes or "#"; state it, units={{"{base}": "..."}}: {_USUAL[base]}'
+        )
     if base == "t" and (found is None or found.kind != "time"):
         raise ValueError(f"unit {unit!r} of the time is not known; use {_USUAL['t']}")
     if found is None:
         raise ValueError(
-            f"unit {unit!r} of {role} is not known{did_you_mean(unit, _TABLE)}; use "
-            f'{_USUAL[base]}, or give what one is worth: gain={{"{base}": ...}} and '
-            f'units={{"{base}": "..."}} of the product'
+            f"unit {unit!r} of {role} is not known{did_you_mean(unit, _TABLE)}; state it, "
+            f'units={{"{base}": "..."}}: use {_USUAL[base]}, or give what one is worth: '
+            f'gain={{"{base}": ...}} and units={{"{base}": "..."}} of the product'
         )
     if found.kind not in _KINDS[base]:
         raise ValueError(f"{role} cannot be in {unit!r}, a unit of {found.kind}; check the columns")

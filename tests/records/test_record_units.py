@@ -26,6 +26,11 @@ LBF = 4.4482216152605  # 0.45359237 kg times 9.80665 m/s^2
         ("u", "lbf-in", LBF * 0.0254, "N m"),
         ("u", "mA", 1e-3, "A"), ("u", "%", 1.0, "%"), ("u", "‰", 0.1, "%"),
         ("v", "rpm", math.pi / 30, "rad/s"), ("v", "mm/min", 1e-3 / 60, "m/s"),
+        ("v", "tr/min", math.pi / 30, "rad/s"), ("v", "U/min", math.pi / 30, "rad/s"),
+        ("v", "giri/min", math.pi / 30, "rad/s"), ("v", "1/min", math.pi / 30, "rad/s"),
+        ("x", "grados", math.pi / 180, "rad"), ("x", "Inkremente", 1.0, "counts"),
+        ("u", "0,1%", 0.1, "%"), ("u", "0,1 A", 0.1, "A"), ("x", "0.01 mm", 1e-5, "m"),
+        ("u", "0.01Nm", 0.01, "N m"), ("t", "10 us", 1e-5, "s"),
         ("a", "g", 9.80665, "m/s^2"),
     ],
 )  # fmt: skip
@@ -34,10 +39,29 @@ def test_units_are_known_by_their_names(role, unit, factor, si):
 
 
 @pytest.mark.parametrize("role", ["t", "u", "x", "v", "a", "x2"])
-@pytest.mark.parametrize("unit", ["MM", "Ft", "furlong", "kg", "N/m", "1", "foo"])
+@pytest.mark.parametrize("unit", ["MM", "Ft", "furlong", "kg", "N/m", "1", "foo", "2 mm", "0.5 N"])
 def test_an_unknown_unit_is_never_taken_with_factor_1(role, unit):
     with pytest.raises(ValueError, match=rf"unit '{unit}' of .* not known.*use "):
         dfc.read_record({"t": T, "u": U, "x": X, "v": X, "a": X, "x2": X}, units={role: unit})
+
+
+def test_a_stated_unit_stands_in_for_one_of_a_heading_that_is_not_known(tmp_path):
+    source = tmp_path / "run.csv"
+    np.savetxt(
+        source, np.stack([T, U, X, X], axis=1), "%.17g", ";", header="t;u (daN);x;Vitesse (tours)",
+        comments="",
+    )  # fmt: skip
+    with pytest.raises(ValueError, match=r"unit 'daN' of u is not known.* units=.\"u\": \"...\""):
+        dfc.read_record(source)
+    record = dfc.read_record(source, units={"u": "N"})
+    np.testing.assert_array_equal(record.u, U)
+    assert record.units["u"] == "N" and "u is in N, as stated, not in 'daN'" in record.notes
+    # A velocity is left out for its unit, and it is said how to have it.
+    mend = 'to read it, columns={"v": \'Vitesse (tours)\'}, units={"v": "..."}'
+    assert any(note.endswith(mend) for note in record.notes)
+    stated = {"columns": {"v": "Vitesse (tours)"}, "units": {"u": "N", "v": "rpm"}}
+    record = dfc.read_record(source, **stated)
+    np.testing.assert_allclose(record.channels["v"], X * math.pi / 30)
 
 
 @pytest.mark.parametrize(("role", "unit"), [("x", "s"), ("u", "mm"), ("u", "rad"), ("v", "m")])

@@ -369,9 +369,18 @@ def _same_joint(found: list[int], names: list[str], chosen: Mapping[str, int]) -
 
 
 def left_out(headings: list[str], chosen: Mapping[str, int]) -> tuple[str, ...]:
-    """Note that names the columns of a source that play no role."""
+    """Notes that name the columns of a source that play no role, and a unit that hindered one."""
     rest = [h for k, h in enumerate(headings) if k not in chosen.values() and h]
-    return (f"left out: {_listing(rest)}",) if rest else ()
+    notes = [f"left out: {_listing(rest)}"] if rest else []
+    for heading in rest:
+        name, unit = split_header(heading)
+        role = meaning(name)[0]
+        if role in EXTRAS and role not in chosen and unit and known_unit(unit) is None:
+            notes.append(
+                f"the unit of {heading.strip()!r} is not known; to read it, "
+                f'columns={{"{role}": {heading.strip()!r}}}, units={{"{role}": "..."}}'
+            )
+    return tuple(notes)
 
 
 def guesses(headings: list[str], chosen: Mapping[str, int], wanted: Wanted) -> tuple[str, ...]:
@@ -487,9 +496,12 @@ def _conversion(
 ) -> tuple[float, str, str, list[str]]:
     """Factor of a channel, its raw unit and that of the product, and what to note of it."""
     own = scaling.gain.get("x" if role == "reference" else role)
+    notes = []
+    if said and own is None and unit and known_unit(unit) is None:
+        notes.append(f"{role} is in {said}, as stated, not in {unit!r}")
+        unit = ""
     turned = own == -1.0 and said in ("", unit)  # a sign that is turned keeps the unit
     factor, si = si_unit(role, unit) if unit and (own is None or turned) else (1.0, "")
-    notes = []
     if own is not None:
         if not turned:
             _check_gain(role, unit, said, own, where)

@@ -138,6 +138,50 @@ def test_a_public_log_is_read_or_refused_with_the_line_to_copy(line, headings):
     assert taken | none >= {"t", "u", "x"} and ("r" in taken) == (record.reference is not None)
 
 
+# Headings in other languages, marked as above, the wanted one after the one that was asked for.
+SPOKEN = [
+    "t=tiempo; u=fuerza medida; r=posición deseada; x=posición medida",
+    "t=temps; force consigne; u=force mesurée; r=consigne de position; x=position mesurée",
+    "t=tempo; u=forza; r=posizione comandata; x=posizione misurata",
+    "t=tempo; u=força; r=posição desejada; x=posição",
+    "t=tijd; u=kracht; r=gewenste positie; x=verplaatsing",
+    "t=Zeit; u=Kraft; x=Auslenkung",
+    "t=temps; u=effort; x=déplacement",
+    "t=tempo; u=coppia; x=spostamento",
+]
+
+
+@pytest.mark.parametrize("headings", SPOKEN)
+def test_measured_and_commanded_are_told_apart_in_each_language(headings):
+    marked = [one.rpartition("=") for one in headings.split("; ")]
+    table = source([name for *_, name in marked])
+    table[marked[0][2]] = T.copy()
+    record = dfc.read_record(table)
+    channels = {"t": record.t, "u": record.u, "x": record.x, "r": record.reference}
+    for mark, _, name in marked:
+        if mark:
+            np.testing.assert_allclose(channels[mark], table[name], err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("role", "headings"),
+    [
+        ("x", "time; torque; position error"),
+        ("x", "time; torque [N m]; following error [mm]"),
+        ("x", "Zeit; Kraft; Schleppfehler [mm]"),
+        ("x", "tempo; forza; errore posizione"),
+        ("u", "time; torque limit; position"),
+        ("u", "time [s]; friction torque [N m]; position"),
+    ],
+)
+def test_an_error_or_a_limit_is_not_taken_for_the_channel(role, headings):
+    table = source(headings.split("; "))
+    table[next(iter(table))] = T.copy()
+    with pytest.raises(ValueError, match=f"no column recognised as {role}") as refused:
+        dfc.read_record(table)
+    assert f'columns={{"{role}": ' in str(refused.value)
+
+
 LETTERS = {
     "t [s], F [N], x [m]": ("u", "F [N]", "by its letter"),
     "t,F,x": ("u", "F", "by its letter"),

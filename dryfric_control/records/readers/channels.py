@@ -51,7 +51,7 @@ NAMES = {
     for role, groups in _SAID["channels"].items()
 }
 _ROLES = {n: role for role, groups in NAMES.items() for names in groups for n in names}
-_FILLING, _PREFIXES, _LETTERS = map(set, _SAID["parts"].values())
+_FILLING, _PREFIXES, _LETTERS, _DERIVED = map(set, _SAID["parts"].values())
 #: Letters of physics that are taken where no name is recognised, and noted.
 _SYMBOLS = {letter: role for role, letters in _SAID["symbols"].items() for letter in letters}
 #: Quantities of the units that show what a column is where no name does, the surest first.
@@ -148,6 +148,8 @@ def meaning(name: str) -> tuple[str, str, str]:
     for one in (worded(name), name.strip().casefold()):
         if one in _ROLES:
             return _ROLES[one], one, ""
+    if _is_derived(name):
+        return "", "", ""
     for marks in (r"[./\\:()\[\]]+", r"[./\\:()\[\]\s]+"):  # a name may have blanks in it
         parts = [part for part in re.split(marks, name) if part.strip()]
         last = range(len(parts), max(0, len(parts) - 3), -1)
@@ -159,6 +161,12 @@ def meaning(name: str) -> tuple[str, str, str]:
     if not found or (path and len(found[0][1]) == 1 and found[0][1] not in _LETTERS):
         return "", "", ""
     return found[0]
+
+
+def _is_derived(name: str) -> bool:
+    """Whether a heading says that it is an error, a limit or a share of a channel."""
+    words = re.findall(r"[^\W\d_]+", worded(name))
+    return any(w in _DERIVED or w.endswith(("fehler", "abweichung")) for w in words)
 
 
 def _part(parts: list[str], k: int) -> tuple[str, str, str] | None:
@@ -258,6 +266,7 @@ def _guessed(role: str, headings: list[str], taken: set[int]) -> list[int]:
     """Columns that a letter of physics, or else a unit, shows to play a role."""
     parts = [split_header(heading) for heading in headings]
     free = [k for k in range(len(headings)) if k not in taken and not meaning(parts[k][0])[0]]
+    free = [k for k in free if not _is_derived(parts[k][0])]
     letters = [k for k in free if _SYMBOLS.get(parts[k][0].strip().casefold()) == role]
     letters = [k for k in letters if _fits(role, parts[k][1])]
     if letters:

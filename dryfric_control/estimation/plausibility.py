@@ -9,7 +9,7 @@ import numpy as np
 
 from dryfric_control.checks import warn
 from dryfric_control.model.axis import FrictionAxis, elastic_rates
-from dryfric_control.records.data_check import energy_message
+from dryfric_control.records.data_check import energy_message, speed_message
 from dryfric_control.records.read import as_record
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_warning import RecordWarning
@@ -41,7 +41,7 @@ def warn_if_implausible(axis: FrictionAxis, record: Record) -> None:
     Positions lie far outside the travel, or the drive extracts energy from the machine or is too
     weak for the friction of the axis or for its acceleration.
     """
-    for message in _messages(axis, record):
+    for message in doubts(axis, record):
         warn(message, RecordWarning)
 
 
@@ -66,7 +66,8 @@ def checked_records(records: Any, name: str = "record") -> tuple[Record, ...]:
     return found
 
 
-def _messages(axis: FrictionAxis, record: Record) -> list[str]:
+def doubts(axis: FrictionAxis, record: Record) -> list[str]:
+    """What speaks against units, sign and columns of a record, if it is one of this axis."""
     found = []
     low, high = float(record.x.min()), float(record.x.max())
     length, force = axis.units
@@ -101,4 +102,6 @@ def _messages(axis: FrictionAxis, record: Record) -> list[str]:
             f"axis, the drive is at most {strongest:.3g} {force}: is x in another unit, such as mm "
             '(then read_record(..., units={"x": "mm"})), or u in another (gain=...)?'
         )
+    if not (found or scaled) and axis.units[0] == "m" and (fast := speed_message(record)):
+        found.append(fast)
     return found

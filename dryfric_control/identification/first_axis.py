@@ -13,6 +13,7 @@ from dryfric_control.estimation.smoothed_motion import SmoothedMotion, drive_at_
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
+from dryfric_control.records.data_check import speed_message
 from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
 from dryfric_control.result_table import Quantity, formatted
@@ -54,7 +55,7 @@ class ForceRegression(Result):
     constant: float = stated("Constant force beside them, which is not in the axis [N].")
     slope: float = stated("Force over place beside them, which is not in the axis [N/m].")
     rms: float = stated("RMS of the drive that is left [N].")
-    messages: tuple[str, ...] = stated("What the record does not determine.")
+    messages: tuple[str, ...] = stated("What the record does not determine, and a doubtful unit.")
 
     def table(self, form: str = "markdown") -> str:
         """Values and standard errors as a table.
@@ -103,7 +104,7 @@ def axis_from(record: RecordLike) -> FrictionAxis:
     Warns
     -----
     FitWarning
-        Where the record does not determine a value.
+        Where the record does not determine a value, or has no unit and is too fast for metres.
 
     Notes
     -----
@@ -168,6 +169,8 @@ def force_regression(record: RecordLike) -> ForceRegression:
             "record: the drive acts against the acceleration and along friction, as with the wrong "
             "sign: read_record(..., gain=-1) turns the drive, gain={'x': -1.0} the position"
         )
+    if (fast := speed_message(record)) is not None:
+        messages.append(fast)
     messages += [
         f"{name} is hardly determined by this record ({parameters[name]:.3g} +- "
         f"{deviations[name]:.2g}): {mend}"

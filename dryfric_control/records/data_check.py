@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,9 @@ _SLIDING, _EITHER_WAY = 0.1, 0.02
 _STEPS, _OVER_NOISE, _MASKED = 200, 100.0, 0.01
 # Work taken out of the machine, as a part of all that passed, which no measurement error makes.
 _TAKEN = 0.2
+# Velocity [m/s], exceeded in 5 % of the motion, beyond which positions that nobody gave a unit are
+# not in metres.
+_FAST = 30.0
 
 
 @documented
@@ -143,8 +146,26 @@ def energy_message(record: Record, units: tuple[str, str]) -> str | None:
     )
 
 
-def check_record(record: Record, units: tuple[str, str]) -> RecordCheck:
-    """Look a record over; `units` are those of position and drive, empty if not known."""
+def speed_message(record: Record) -> str | None:
+    """What to say of positions without a unit that are too fast for metres, if they are."""
+    if "x" in record.units:
+        return None
+    moving = directions(record) != 0
+    fast = usual_speeds(record.derivatives().v[moving])[1]
+    if fast <= _FAST:
+        return None
+    return (
+        f"x has no unit, and in metres would run at {fast:.3g} m/s over {record.range:.3g} m: "
+        'state it, read_record(..., units={"x": "mm"}) or "rad", or convert counts by '
+        "gain=dfc.Scaling(...)"
+    )
+
+
+def check_record(record: Record, units: tuple[str, str], told: Sequence[str] = ()) -> RecordCheck:
+    """Look a record over; `units` are those of position and drive, empty if not known.
+
+    What is `told` of it already is said first.
+    """
     moving = directions(record)
     edges = np.flatnonzero(np.diff(moving == 0, prepend=False, append=False))
     rests = edges[1::2] - edges[::2]
@@ -169,7 +190,8 @@ def check_record(record: Record, units: tuple[str, str]) -> RecordCheck:
         assumed=assumed_units(record.units),
         raw=dict(record.raw),
     )
-    return replace(found, messages=tuple(_messages(found, record)))
+    own = [message for message in _messages(found, record) if message not in told]
+    return replace(found, messages=(*told, *own))
 
 
 def _messages(found: RecordCheck, record: Record) -> Iterator[str]:
@@ -178,6 +200,8 @@ def _messages(found: RecordCheck, record: Record) -> Iterator[str]:
         yield "no drive: only ratios to the mass can be determined; give it as known"
     if (taken := energy_message(record, found.units)) is not None:
         yield taken
+    if found.units[0] in ("m", "") and (unit := speed_message(record)) is not None:
+        yield unit
     if (steps := staircase(record.u, record.input_quantum)) is not None:
         age = steps.period * record.dt
         yield (

@@ -35,6 +35,7 @@ from dryfric_control.store.files import file_path, replacing
 from dryfric_control.store.saved import Saved
 from dryfric_control.text import table
 from dryfric_control.ties import samples
+from dryfric_control.units import check_units
 
 if TYPE_CHECKING:
     import pandas
@@ -693,7 +694,7 @@ class Record(Saved):
         x, v, a = (savgol_filter(self.x, int(size), 3, deriv, self.dt) for deriv in (0, 1, 2))
         return Derivatives(x, v, a)
 
-    def force_map(self, axis: FrictionAxis, hold: str = "zero") -> ForceMap:
+    def force_map(self, axis: FrictionAxis | None = None, hold: str = "zero") -> ForceMap:
         """What remains of the drive: over place, velocity and time.
 
         The force that the motion requires, beyond drive and friction of a model: a picture of what
@@ -701,8 +702,8 @@ class Record(Saved):
 
         Parameters
         ----------
-        axis : FrictionAxis
-            The model.
+        axis : FrictionAxis, optional
+            The model.  Default: ``dfc.axis_from(record)``.
         hold : {"zero", "first"}, optional
             Whether the recorded input is held or interpolated linearly between samples.
 
@@ -715,6 +716,11 @@ class Record(Saved):
         ValueError
             If an argument is of the wrong kind, or the units differ from those of the axis.
 
+        Warns
+        -----
+        RecordWarning
+            When a unit or a sign seems wrong.
+
         Examples
         --------
         >>> import dryfric_control as dfc
@@ -726,9 +732,23 @@ class Record(Saved):
         # Here: estimation is made of records.
         from dryfric_control.estimation.force_map import force_map
 
-        return force_map(axis, self, hold)
+        return force_map(self._axis_to_look_with(axis), self, hold)
 
-    def explore(self, axis: FrictionAxis, hold: str = "zero") -> ForceExplorer:
+    def _axis_to_look_with(self, axis: FrictionAxis | None) -> FrictionAxis:
+        """The model of a first look, the record's own where none is given; doubts are told."""
+        # Here: they are made of records.
+        from dryfric_control.estimation.plausibility import warn_if_implausible
+        from dryfric_control.identification.first_axis import axis_from
+        from dryfric_control.model.axis import FrictionAxis
+
+        if axis is None:
+            return axis_from(self)
+        instance("axis", axis, FrictionAxis)
+        check_units(axis, self)
+        warn_if_implausible(axis, self)
+        return axis
+
+    def explore(self, axis: FrictionAxis | None = None, hold: str = "zero") -> ForceExplorer:
         """What remains of the drive, with sliders for the model.
 
         In a notebook with ipywidgets (the extra ``interactive``) the picture is redrawn while mass,
@@ -737,15 +757,15 @@ class Record(Saved):
 
         Parameters
         ----------
-        axis : FrictionAxis
-            The model to start from, such as ``dfc.axis_from(record)``.
+        axis : FrictionAxis, optional
+            The model to start from.  Default: ``dfc.axis_from(record)``.
         hold : {"zero", "first"}, optional
             Whether the recorded input is held or interpolated linearly between samples.
         """
         # Here: estimation is made of records.
         from dryfric_control.estimation.force_explorer import ForceExplorer
 
-        return ForceExplorer(self, axis, hold)
+        return ForceExplorer(self, self._axis_to_look_with(axis), hold)
 
     def compare(self, name: str, window: int | None = None) -> checks.Comparison:
         """Compare a measured channel with what the position implies.
@@ -903,9 +923,23 @@ class Record(Saved):
     def _repr_html_(self) -> str:
         return table(self._rows(), as_html=True)
 
-    def check(self) -> RecordCheck:
-        """Reversals, rest, lost readings, clipping, gaps: before any fit."""
-        return check_record(self, self._known_units())
+    def check(self, axis: FrictionAxis | None = None) -> RecordCheck:
+        """Reversals, rest, lost readings, clipping, gaps: before any fit.
+
+        Parameters
+        ----------
+        axis : FrictionAxis, optional
+            An axis that the record should be of: whether units, sign and columns agree with it.
+        """
+        if axis is None:
+            return check_record(self, self._known_units())
+        # Here: estimation is made of records.
+        from dryfric_control.estimation.plausibility import doubts
+        from dryfric_control.model.axis import FrictionAxis
+
+        instance("axis", axis, FrictionAxis)
+        check_units(axis, self)
+        return check_record(self, axis.units, doubts(axis, self))
 
     def _known_units(self) -> tuple[str, str]:
         """Units of position and drive: those an axis has by default if nothing is said."""

@@ -1,5 +1,6 @@
 """A record of another unit, sign or column is told before it is taken for friction."""
 
+import re
 import warnings
 
 import numpy as np
@@ -48,6 +49,41 @@ def test_a_motion_far_beyond_its_drive_is_told():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warn_if_implausible(scaled, dfc.Record(T, U, 1e3 * X))
+
+
+def test_millimetres_without_a_unit_are_told_wherever_they_are_first_seen():
+    record = dfc.Record(T, U, 1e3 * X)
+    scaled = AXIS.replace(mass=2e-3, viscous=15e-3, travel=None)  # what such a record gives
+    words = r'x has no unit, .* m/s over .* m: state it, read_record.*units=.*"mm"'
+    assert any(re.match(words, message) for message in record.check().messages)
+    for look in (dfc.axis_from, dfc.Record.force_map, lambda r: dfc.fit(scaled, r)):
+        with pytest.warns(UserWarning, match=words):
+            look(record)
+    # One that says its unit, or an axis in radians, is believed.
+    for said in (dfc.Record(T, U, 1e3 * X, units={"x": "m"}), dfc.Record(T, U, X)):
+        assert not any("no unit" in message for message in said.check().messages)
+    turning = dfc.FrictionAxis(inertia=2.0, viscous=15.0, coulomb=8.0)
+    assert not any("no unit" in message for message in record.check(turning).messages)
+
+
+def test_a_check_against_an_axis_begins_with_sign_and_units():
+    found = dfc.Record(T, -U, X).check(AXIS)
+    assert found.messages[0].startswith("the drive takes energy out of the machine")
+    assert len(set(found.messages)) == len(found.messages)
+    assert not dfc.Record(T, U, X).check(AXIS).messages
+    with pytest.raises(ValueError, match="u is in 'A', the axis has 'N'"):
+        dfc.Record(T, U, X, units={"u": "A"}).check(AXIS)
+    with pytest.raises(ValueError, match="axis must be a FrictionAxis"):
+        dfc.Record(T, U, X).check(2.0)
+
+
+def test_a_first_picture_needs_no_axis_and_tells_a_wrong_sign():
+    record = dfc.Record(T, U, X)
+    assert record.force_map().rms == record.force_map(dfc.axis_from(record)).rms
+    assert record.explore().axis == dfc.axis_from(record)
+    for look in (dfc.Record.force_map, dfc.Record.explore):
+        with pytest.warns(dfc.RecordWarning, match="takes energy out of the machine"):
+            look(dfc.Record(T, -U, X), AXIS)
 
 
 @pytest.mark.filterwarnings("error")

@@ -26,7 +26,7 @@ from dryfric_control.estimation.parameters import checked_knowledge
 from dryfric_control.export.c_code import export_c
 from dryfric_control.export.fmu import export_fmu
 from dryfric_control.export.objects import export_object
-from dryfric_control.identification import Fit
+from dryfric_control.identification import Fit, axis_from
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.observer import ExtendedStateObserver, HybridFilter, ObserverDesign
 from dryfric_control.records import Record, Scaling, read_record
@@ -113,7 +113,8 @@ def parser() -> argparse.ArgumentParser:
         "overrides it.",
         ("record", str, "RUN.csv", "measured records of one machine (CSV, MAT, xlsx, parquet)",
          {"nargs": "+"}),
-        ("--axis", str, "FILE", "the nominal axis, TOML", _NEEDED),
+        ("--axis", str, "FILE", "the nominal axis, TOML; default: mass and friction that the first "
+         "record shows"),
         ("--out", str, "DIR", "folder of the results", {"default": "diagnosis"}),
         ("--joint", str, "NAME", "joint of a log of several, as in its headings"),
         *_READING,
@@ -321,8 +322,10 @@ def _given(chosen: Namespace, *names: str) -> dict[str, Any]:
     return {name: value for name, value in found.items() if value is not None}
 
 
-def _read_records(chosen: Namespace, axis: FrictionAxis, end: str, **options: Any) -> list[Record]:
-    """Records of an axis, with what a first look at each shows."""
+def _read_records(
+    chosen: Namespace, axis: FrictionAxis | None, end: str, **options: Any
+) -> list[Record]:
+    """Records of an axis, or of one that is not known, with what a first look at each shows."""
     records = []
     for path in chosen.record:
         name = f"{Path(path).name}{end}"
@@ -330,16 +333,19 @@ def _read_records(chosen: Namespace, axis: FrictionAxis, end: str, **options: An
         check = record.check()
         if check.assumed:
             print(f"{name}: units: {check.assumed}")
-            check = replace(check, units=axis.units)
+            check = replace(check, units=check.units if axis is None else axis.units)
         print(f"{name}: {check.headline}")
         records.append(record)
     return records
 
 
 def _diagnose(chosen: Namespace) -> None:
-    axis = read_axis(chosen.axis)
+    axis = None if chosen.axis is None else read_axis(chosen.axis)
     scaling, sampling, knowledge = _reading(chosen, chosen.axis)
     records = _read_records(chosen, axis, "", gain=scaling, joint=chosen.joint, **sampling)
+    if axis is None:
+        axis = axis_from(records[0])
+        print(f"no --axis: that of the record\n{axis}")
     for path, record in zip(chosen.record, records, strict=True):
         check_units(axis, record, Path(path).name)
     folder = output_folder(chosen.out)

@@ -225,6 +225,21 @@ def test_arguments_are_refused_before_a_record_is_read(tmp_path, monkeypatch, ca
         assert words in capsys.readouterr().err
 
 
+def test_a_diagnosis_without_an_axis_begins_with_that_of_the_record(tmp_path, monkeypatch, capsys):
+    seen = []
+
+    def no_diagnosis(axis, record, **_):
+        seen.append(axis)
+        raise ValueError("that will do")
+
+    monkeypatch.setattr(importlib.import_module(ROOM), "diagnose", no_diagnosis)
+    record = dfc.datasets.belt_stage()
+    record.to_csv(tmp_path / "run.csv")
+    assert main(["diagnose", str(tmp_path / "run.csv"), "--out", str(tmp_path / "out")]) == 2
+    assert seen == [dfc.axis_from(record).replace(name=seen[0].name)]
+    assert "no --axis: that of the record" in capsys.readouterr().out
+
+
 def test_an_interrupt_is_one_line_and_status_130(monkeypatch, capsys, tmp_path):
     def interrupted(*_, **__):
         raise KeyboardInterrupt

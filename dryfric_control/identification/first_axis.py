@@ -17,7 +17,7 @@ from dryfric_control.records.data_check import speed_message
 from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
 from dryfric_control.result_table import Quantity, formatted
-from dryfric_control.text import Result, documented, stated
+from dryfric_control.text import Result, documented, see, stated
 
 # Rounds of mass and of the smoothing that its noise asks for.
 _ROUNDS = 3
@@ -99,7 +99,7 @@ def axis_from(record: RecordLike) -> FrictionAxis:
     Raises
     ------
     ValueError
-        If the record hardly moves, or its drive has the wrong sign.
+        If the record hardly moves, its drive has the wrong sign, or its units are not of one axis.
 
     Warns
     -----
@@ -153,6 +153,14 @@ def force_regression(record: RecordLike) -> ForceRegression:
     (2.4, 0.007)
     """
     record = as_record(record)
+    length, force = record.units.get("x"), record.units.get("u")
+    if (length, force) in (("m", "N m"), ("rad", "N")):
+        turned = "lead= or pinion_radius= [m]" if length == "m" else "pinion_radius= [m]"
+        raise ValueError(
+            f"record: x is in {length!r} and u in {force!r}, which are not those of one axis: give "
+            f"the {turned} of the machine to gain=dfc.Scaling(...) as the file is read"
+            + see("howto/read_csv")
+        )
     motion = _motion(record)
     values, errors, rms = _regression(record, motion)
     messages = []

@@ -597,6 +597,9 @@ class FrictionAxis:
         """Parameters with units, one a line."""
         return "\n".join([self.name, *(f"  {name} {value}" for name, value in self._rows())])
 
+    def __str__(self) -> str:
+        return self.describe()
+
     def _repr_html_(self) -> str:
         return table([(self.name, ""), *self._rows()], as_html=True)
 

@@ -10,6 +10,7 @@ from dryfric_control.text import did_you_mean
 from dryfric_control.units import axis_units
 
 _ROTARY = ("rad", "N m")
+_NEEDED = ("mass", "viscous", "coulomb")
 # What users call an argument, in lower case, and what it is here.
 _MASS = "mass=, the mass [kg], or inertia= [kg m^2] of a rotary axis"
 _VISCOUS = "viscous=, the viscous coefficient [N s/m]"
@@ -77,6 +78,11 @@ def with_inertia(cls: type[Any]) -> type[Any]:
         for name in given:
             if name not in known:
                 raise TypeError(unknown_argument(name, known))
+        if lacking := [name for name in _NEEDED[len(args) :] if name not in given]:
+            raise TypeError(
+                f"FrictionAxis lacks {', '.join(f'{name}=' for name in lacking)}: give each, 0 for "
+                "none, or take them from a record, dfc.axis_from(record)"
+            )
         make(self, *args, **given)
 
     cls.__init__ = init

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from functools import wraps
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from dryfric_control.checks import finite, known_keys, positive
 from dryfric_control.records.record_warning import warn
 from dryfric_control.store.files import read_toml
-from dryfric_control.text import stated, with_parameters
+from dryfric_control.text import did_you_mean, stated, with_parameters
 from dryfric_control.units import si_unit
 
 _CHANNELS = ("t", "u", "x", "v", "a", "x2")
@@ -20,6 +21,21 @@ _CHANNELS = ("t", "u", "x", "v", "a", "x2")
 _LONG_LEAD = 1.0
 # What the table [record] says of the sampling, which `read_record` takes beside a scaling.
 _SAMPLING = ("dt", "rate", "max_gap")
+
+
+# What users call an argument, and what it is here.
+_MEANT = {
+    **dict.fromkeys(("pitch", "screw_pitch", "spindle_pitch", "travel_per_turn"), "lead"),
+    **dict.fromkeys(("counts_per_rev", "counts_per_revolution", "cpr", "ppr", "resolution",
+                     "encoder_resolution", "lines", "increments_per_turn"), "counts_per_turn"),
+    **dict.fromkeys(("ratio", "gear", "reduction", "gearbox"), "gear_ratio"),
+    **dict.fromkeys(("kt", "km", "motor_constant"), "torque_constant"),
+    **dict.fromkeys(("kf",), "force_constant"),
+    **dict.fromkeys(("nominal_torque", "rated", "torque"), "rated_torque"),
+    **dict.fromkeys(("nominal_force", "force"), "rated_force"),
+    **dict.fromkeys(("radius", "pulley_radius"), "pinion_radius"),
+    **dict.fromkeys(("area",), "piston_area"),
+}  # fmt: skip
 
 
 class Conversion(NamedTuple):
@@ -30,6 +46,26 @@ class Conversion(NamedTuple):
     unit: str
 
 
+def _with_right_names(cls: type[Any]) -> type[Any]:
+    """Let the class say which argument is meant by one that it does not have."""
+    make: Callable[..., None] = cls.__init__
+    known = {item.name: item.metadata.get("doc", "") for item in fields(cls)}
+
+    @wraps(make)
+    def init(self: Any, *args: Any, **given: Any) -> None:
+        for name in given:
+            if name not in known:
+                meant = _MEANT.get(name.casefold())
+                mend = f": give {meant}=, {known[meant].rstrip('.')}" if meant else ""
+                mend = mend or did_you_mean(name, known) or ", it has " + ", ".join(known)
+                raise TypeError(f"Scaling has no argument {name!r}{mend}")
+        make(self, *args, **given)
+
+    cls.__init__ = init
+    return cls
+
+
+@_with_right_names
 @with_parameters
 @dataclass(frozen=True, kw_only=True)
 class Scaling:

@@ -1,5 +1,7 @@
 """A first nominal axis from a record alone, from motions in closed form and an independent bench."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -56,3 +58,14 @@ def test_what_the_record_does_not_say_is_told():
     short = dfc.Record(T[:40], FORCE[:40], POSITION[:40])
     with pytest.raises(ValueError, match="smoothed samples only, 50 are needed"):
         dfc.axis_from(short)
+
+
+def test_a_torque_that_moves_metres_is_refused_with_what_is_missing():
+    """A ball screw whose lead was forgotten is not taken for a rotary axis."""
+    with pytest.raises(ValueError, match=r"'m' and u in 'N m'.*lead= or pinion_radius="):
+        dfc.axis_from(record_of(FORCE, units={"x": "m", "u": "N m"}))
+
+
+def test_a_first_axis_prints_with_its_units():
+    printed = str(dfc.axis_from(record_of(FORCE))).splitlines()
+    assert re.fullmatch(r"  mass [\d.]{3,7} kg", printed[1]) and "  Coulomb + 7.99946 N" in printed

@@ -111,6 +111,13 @@ def test_response_is_a_time_response_of_python_control():
     )
 
 
+def test_an_axis_without_its_friction_is_told_what_to_give():
+    for given in (dict(mass=3.0), dict(inertia=3.0)):
+        with pytest.raises(TypeError, match=r"lacks viscous=, coulomb=: .*dfc.axis_from\(record\)"):
+            dfc.FrictionAxis(**given)
+    assert dfc.FrictionAxis(3.0, 0.0, 0.0) == dfc.FrictionAxis(3.0, viscous=0.0, coulomb=0.0)
+
+
 def test_a_rotary_axis_takes_its_inertia():
     axis = dfc.FrictionAxis(inertia=0.02, viscous=0.1, coulomb=0.5)
     assert (axis.mass, axis.inertia, axis.units) == (0.02, 0.02, ("rad", "N m"))

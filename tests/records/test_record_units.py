@@ -149,3 +149,27 @@ def test_an_axis_with_an_input_gain_takes_a_drive_in_any_unit():
         dfc.replay(AXIS, dfc.Record(T, U, X, units={"u": "V"}))
     with pytest.raises(ValueError, match="x is in 'rad'"):
         dfc.replay(axis, dfc.Record(T, U, X, units={"x": "rad"}))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right"),
+    [
+        ("pitch", r"give lead=, Travel of a linear axis per turn of the load \[m\]"),
+        ("counts_per_rev", "give counts_per_turn=, Encoder counts per turn"),
+        ("kt", r"give torque_constant=, Torque .*\[N m/A\]"),
+        ("torque_constnat", "Did you mean 'torque_constant'"),
+        ("foo", "it has gain, counts_per_turn"),
+    ],
+)
+def test_a_wrong_argument_of_a_scaling_is_told_the_right_one(wrong, right):
+    with pytest.raises(TypeError, match=f"Scaling has no argument {wrong!r}.*{right}"):
+        dfc.Scaling(**{wrong: 0.01})
+
+
+def test_a_heading_in_place_of_a_channel_is_told_its_channel():
+    source = {"t": T, "u": U, "posición": X}
+    for wrong in ({"units": {"posición": "mm"}}, {"columns": {"Position": "posición"}}):
+        with pytest.raises(
+            ValueError, match="Did you mean 'x', the channel that '(posición|Position)' is"
+        ):
+            dfc.read_record(source, **wrong)

@@ -339,9 +339,15 @@ def _checked_columns(columns: Any) -> Mapping[str, str | int | None]:
         if role not in (*roles, "good"):
             raise ValueError(
                 f"columns: {role!r} is no role; the roles are {', '.join(roles)}"
-                + did_you_mean(str(role), roles)
+                + (_meant(role) or did_you_mean(str(role), roles))
             )
     return columns or {}
+
+
+def _meant(heading: Any) -> str:
+    """The channel that the heading of a column names, for the end of a message."""
+    role = meaning(split_header(str(heading))[0])[0]
+    return f". Did you mean {role!r}, the channel that {heading!r} is?" if role else ""
 
 
 def _in_order(count: int, where: str, timed: bool | None) -> dict[str, int]:
@@ -463,7 +469,9 @@ def units_by_role(units: Any) -> dict[str, Any]:
         raise ValueError(f'units must be a mapping such as {{"x": "mm"}}, got {units!r}')
     for role in units or {}:
         if role not in ("t", "u", "x", *EXTRAS):
-            raise ValueError(f"units: {role!r} is no channel; the channels are t, u and x")
+            raise ValueError(
+                f"units: {role!r} is no channel; the channels are t, u and x{_meant(role)}"
+            )
     return dict(units or {})
 
 

@@ -64,7 +64,7 @@ _TABLE: dict[str, Unit] = {
        for t, s in _TIMES.items()},
     # Turns a minute as drives of each country print them.
     **dict.fromkeys(("rpm", "RPM", "U/min", "Umdr/min", "1/min", "min-1", "min^-1", "tr/min",
-                     "giri/min", "omw/min", "obr/min", "ot/min"),
+                     "giri/min", "omw/min", "obr/min"),
                     Unit(_TURN / 60, "rad/s", "angular velocity")),
     **{f"{k}/{s}": Unit(f, "m/s^2", "acceleration") for k, f in _LENGTHS.items()
        for s in ("s2", "s^2", "s²")},

@@ -432,3 +432,37 @@ def test_a_velocity_alone_gives_the_position(tmp_path):
     with pytest.warns(dfc.RecordWarning, match="1 filled and masked"):
         again = dfc.Record.from_irregular(T[keep], U[keep], None, dt=DT, channels={"v": v[keep]})
     np.testing.assert_allclose(again.x, record.x, atol=1e-4)
+
+
+def written(tmp_path, heading, rows):
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join([heading, *rows, ""]), encoding="utf-8")
+    return path
+
+
+ROWS = [(0.01 * k, math.sin(0.1 * k), math.cos(0.07 * k)) for k in range(60)]
+
+
+def test_units_in_brackets_between_blanks_belong_to_the_word_before(tmp_path):
+    rows = [f"{t:.2f} {u:.4f} {x:.4f}" for t, u, x in ROWS]
+    record = dfc.read_record(written(tmp_path, "Tempo (s) Coppia (N m) Posizione (mm)", rows))
+    assert dict(record.units) == {"t": "s", "u": "N m", "x": "m"}
+    # A line that names other than the columns is not passed over in silence.
+    with pytest.warns(dfc.RecordWarning, match=r"does not name each of the 3 columns.*units="):
+        dfc.read_record(written(tmp_path, "Messung 3 Kraft [N]", rows))
+
+
+def test_decimal_commas_between_commas_are_told_for_what_they_are(tmp_path):
+    rows = [f"{t:.2f},{u:.4f},{x:.4f}".replace(".", ",") for t, u, x in ROWS]
+    with pytest.raises(ValueError, match="6 cells a row under 3 headings: decimal commas.*semicol"):
+        dfc.read_record(written(tmp_path, "t,F,x", rows))
+    rows = [",".join(f'"{v:.4f}"'.replace(".", ",") for v in row) for row in ROWS]
+    with pytest.raises(ValueError, match="'0,0000' is not a number, .*in quotes.*semicolons"):
+        dfc.read_record(written(tmp_path, "t,F,x", rows))
+
+
+@pytest.mark.parametrize("heading", ["Uhrzeit", "Heure", "Hora", "Ora"])
+def test_a_time_of_day_with_a_decimal_comma(tmp_path, heading):
+    rows = [f"23:59:{59 + t:05.2f};{u:.4f};{x:.4f}".replace(".", ",") for t, u, x in ROWS if t < 1]
+    record = dfc.read_record(written(tmp_path, f"{heading};Kraft;Weg", rows))
+    assert record.dt == pytest.approx(0.01)

@@ -57,6 +57,8 @@ _EMPTY = "the cell is empty; give dt= [s], which fills and masks what is lost"
 _TAIL = 50  # rows whose last cells show whether that of the last row is cut off
 # Rows of which one shows an export of TwinCAT Scope.
 _SCOPE_ROWS = {"Data-Type", "SampleTime[ms]", "SymbolName", "Starttime of export"}
+# A unit in brackets behind the word that it belongs to.
+_UNIT = re.compile(r"(\S)\s+([\[(][^\[\]()]*[\])])")
 _PREAMBLE = 200  # lines among which the first row of numbers must be
 
 _Lines = list[tuple[int, str]]  # with their numbers
@@ -340,7 +342,25 @@ def _with_headings(text: _Text, chunk: _Lines, rows: list[list[str]], first: int
         trailing = not any(_fitting(above[-1], text.delimiter, width, cut=False)[-1:])
     width = len(rows[start] if start < len(rows) else rows[-1]) - trailing
     text.headings = _headings(above, text.comments, text.delimiter, width)
+    if above and not any(text.headings):
+        _tell_of_no_headings(text, above[-1], width)
     return start
+
+
+def _tell_of_no_headings(text: _Text, line: str, width: int) -> None:
+    """What stands above the numbers, where it does not name each column once."""
+    names = [c for c in _cells(line, text.delimiter) if c and not _is_number(c)]
+    if text.delimiter == "," and len(names) > 1 and width == 2 * len(names):
+        raise ValueError(
+            f"{text.name} has {width} cells a row under {len(names)} headings: decimal commas "
+            "between commas? Export it with semicolons between the columns, or with decimal points"
+        )
+    if len(names) > 1 and not text.wanted.columns:
+        warn(
+            f"{text.name}: the line above the numbers, {_readable(line.strip())[:60]!r}, does not "
+            f"name each of the {width} columns: it is passed over, units too. Say what they are, "
+            'columns={"t": 0, "u": 1, "x": 2} and units={"x": "..."}'
+        )
 
 
 def _headings(above: list[str], notes: list[str], delimiter: str | None, width: int) -> list[str]:
@@ -360,7 +380,10 @@ def _headings(above: list[str], notes: list[str], delimiter: str | None, width: 
 
 def _fitting(line: str, delimiter: str | None, width: int, cut: bool = True) -> list[str]:
     """Cells of a line of names, none if they are not as many as the columns."""
-    for words in (line,) if cut else (line, line.partition("#")[0]):
+    lines: tuple[str, ...] = (line,) if cut else (line, line.partition("#")[0])
+    if delimiter is None:  # a unit belongs to the word before it: Tempo (s) Forza (N m)
+        lines += tuple(_UNIT.sub(lambda m: m[1] + m[2].replace(" ", "*"), one) for one in lines)
+    for words in lines:
         cells = [_readable(c) for c in _cells(words, delimiter, cut, width)]
         if len(cells) == width and not any(map(_is_number, cells)):
             return cells
@@ -516,6 +539,11 @@ def _value(text: _Text, role: str, column: int, cell: str, number: int, exact: b
         what = f"{cell[:40]!r} is not a number" if cell else _EMPTY
         label = text.headings[column] or str(column)
         message = f"{text.name}: row {number}, column {label!r} ({role}): {what}"
+        if _is_number(cell):
+            message += (
+                ", but one in quotes with a comma, decimal or of thousands: export it with "
+                "semicolons between the columns, or with decimal points"
+            )
         if missing and role != "t":
             text.lacking = text.lacking or message
             return math.nan

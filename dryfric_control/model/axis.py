@@ -255,15 +255,18 @@ class FrictionAxis:
         """
         return on_axis(unit, self.units)
 
-    def arrays(self, dt: float) -> Arrays:
+    def arrays(self, dt: float, moved: bool = True) -> Arrays:
         """Arrays that describe this axis to the compiled kernel.
 
         Parameters
         ----------
         dt : float
             Sampling time [s]; it sets the length of the delay line.
+        moved : bool, optional
+            Whether it is moved by them. If not, only forces and rates can be asked for, and what
+            moves an axis, which takes longest to compile, is left out.
         """
-        return _arrays(self, positive("dt", dt, unit="s"))
+        return _arrays(self, positive("dt", dt, unit="s"), moved)
 
     def breakaway(self, x: ArrayLike, direction: int) -> Floats:
         """Breakaway friction force (1 + sigma) Fc of the base model.
@@ -895,7 +898,7 @@ def _usual_speed(axis: FrictionAxis, inner: Inner) -> float:
 
 
 @functools.lru_cache(maxsize=1024)
-def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
+def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
     axis = axis.effective()
     by_action = {
         action: [e for e in axis.effects if e.action == action]
@@ -950,7 +953,10 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         | axis_step.ON_LOAD * (behind and inner.on_load > 0.0)
         | axis_step.MOTOR_RUBS * (inner.motor_rubs > 0.0)
     )
-    task = elastic.inner_task() if structure else axis_step.rigid_task()
+    tasks = [0, 0]  # addresses
+    if moved:
+        rigid = axis_step.rigid_task().address
+        tasks = [rigid, elastic.inner_task().address if structure else rigid]
     integers = [
         SWITCHING[axis.switching],
         len(axis.coulomb.plus),
@@ -962,8 +968,7 @@ def _arrays(axis: FrictionAxis, dt: float) -> Arrays:
         history,
         structure,
         0,
-        axis_step.rigid_task().address,
-        task.address,
+        *tasks,
         sum(effect.within_peak for effect in levels),
         len(by_action["reading"]),
         loaded,

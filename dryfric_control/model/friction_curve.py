@@ -26,7 +26,7 @@ def net_force(axis: Axis, t: Any, x: Any, v: Any, u: Any, way: Any, load: Any = 
 
     `load`: known force on the mass at each state.
     """
-    arrays = axis.arrays(1.0)
+    arrays = axis.arrays(1.0, moved=False)
     found = np.empty(np.size(v))
     way = way.astype(np.int64)
     accelerations(arrays.numbers, arrays.integers, t, x, v, u, load, way, found)

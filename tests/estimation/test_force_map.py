@@ -1,5 +1,8 @@
 """The force that a model lacks, from the smoothed motion, against what was left out of it."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -72,3 +75,15 @@ def test_figures_have_units():
     assert labels == [
         "position [m]", "velocity [m/s]", "drive [N]", "time [s]", "distance since reversal [m]",
     ]  # fmt: skip
+
+
+def test_a_first_look_does_not_compile_what_moves_an_axis():
+    """It takes half a minute of a core with an empty cache, and a picture needs none of it."""
+    look = (
+        "import dryfric_control as dfc\n"
+        "from dryfric_control.compiled import axis_step\n"
+        "record = dfc.datasets.belt_stage()\n"
+        "record.check(dfc.axis_from(record)), record.force_map(), record.explore()\n"
+        "assert axis_step.rigid_task.cache_info().currsize == 0\n"
+    )
+    subprocess.run([sys.executable, "-c", look], check=True)

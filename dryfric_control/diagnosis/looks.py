@@ -167,8 +167,8 @@ class ProposalFits:
     def begin_with(self, name: str, fit: Solution) -> None:
         """Add the row of an effect that was fitted beside the model before."""
         own = _own(self.problem.free_of(fit), name)
-        gain, worth = self.now.cost - fit.cost, self._worth(fit, (name,))
-        self.rows.append(FittedProposal((name,), own, fit, worth, (math.inf, gain)))
+        worth = self._worth(fit, (name,))
+        self.rows.append(FittedProposal((name,), own, fit, worth, (-math.inf, -math.inf)))
 
     def fit(self, proposals: Sequence[Proposal]) -> None:
         """Fit some proposals, and add their rows."""

@@ -102,6 +102,8 @@ class Search:
     )
     #: Those without shapes that take passes, which another explanation spared.
     _spared_rounds: set[frozenset[str]] = field(default_factory=set)
+    #: The effects that were proposed in each of them, if not all.
+    _among: dict[frozenset[str], set[str]] = field(default_factory=dict)
     #: Starts with one effect in the place of a cause or two.
     _merges: dict[frozenset[str], list[Any]] = field(default_factory=dict)
     #: Sets of causes in which nothing was worth an exchange.
@@ -313,11 +315,13 @@ class Search:
             return []
         key = frozenset(now.causes)
         if key in self._rounds and self._rounds[key][0].cost <= now.fit.cost + FIT_SLACK:
-            if other is not None or key not in self._spared_rounds:
+            whole = not self._among.get(key) or {*among} and {*among} <= self._among[key]
+            if whole and (other is not None or key not in self._spared_rounds):
                 return self._rounds[key][1]
         grams = self._grams(now)
         looks = ProposalFits(self.problem, now.fit, self.odds, self._fail)
         if known is not None:
+            self.odds.setdefault(known[0], self._odds(known[0]))
             looks.begin_with(*known)
         tried = self._open(key, _about(among, self._proposals(now, grams)))
         looks.fit(tried)
@@ -330,8 +334,7 @@ class Search:
             self._spared_rounds.discard(key)
         elif other is not None:
             self._spared_rounds.add(key)
-        if among:
-            self._spared_rounds.add(key)
+        self._among[key] = {*among}
         if self.view is not None:
             looks.translate(self.view)
         rows = looks.rows

@@ -315,7 +315,7 @@ class Search:
             return []
         key = frozenset(now.causes)
         if key in self._rounds and self._rounds[key][0].cost <= now.fit.cost + FIT_SLACK:
-            whole = not self._among.get(key) or {*among} and {*among} <= self._among[key]
+            whole = not self._among.get(key) or ({*among} and {*among} <= self._among[key])
             if whole and (other is not None or key not in self._spared_rounds):
                 return self._rounds[key][1]
         grams = self._grams(now)

@@ -27,10 +27,18 @@ from dryfric_control.estimation.force_view import ForceRun, ForceView, prepare_f
 from dryfric_control.estimation.input_noise import without_noise
 from dryfric_control.estimation.likelihood import Run
 from dryfric_control.estimation.parameters import SHIFT
-from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FINAL_ITERATIONS, maximise
+from dryfric_control.estimation.scoring import (
+    COMPARISON_ITERATIONS,
+    FINAL_ITERATIONS,
+    FIRST_ITERATIONS,
+    maximise,
+)
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.effects.columns import View
 from dryfric_control.records.motion import ONE_VELOCITY, usual_speeds
+
+# Number of shapes of a contact whose fit goes on after the first steps of all.
+_CONTINUED_SHAPES = 2
 
 
 def denoised_inputs(
@@ -143,7 +151,11 @@ def moving(problem: Problem, begun: Solution, found: Model) -> Model | None:
             for shape in [*effect_class(name).columns(view)][1::2]
         ]
         fits = problem.parallel(
-            lambda start: problem.fit(start, own, turns=FINAL_ITERATIONS), starts
+            lambda start: problem.fit(start, own, turns=FIRST_ITERATIONS), starts
+        )
+        fits = problem.parallel(
+            lambda fit: maximise(fit.problem, fit.z, FINAL_ITERATIONS, problem.until, again=True),
+            sorted(fits, key=lambda fit: fit.largest_force)[:_CONTINUED_SHAPES],
         )
         # With a large random force the filter follows the readings, whatever the model.
         fits = [s for s in fits if not problem.behind_line(s)]

@@ -3,7 +3,9 @@
 Run ``python benchmarks/sampling.py``; one run prints every table, in at most an hour.  A held
 drive, and one that runs linearly between samples, is the same drive at any multiple of its
 sampling rate, so that the motion is the same too, whatever begins and ends within a sample.  What
-may differ is the error of the steps.  Name tables to print only those: singles pairs triples.
+may differ is the error of the steps.  `peak` compares the bound of the error of one step by the
+Stribeck peak, `peak_error` in `dryfric_control/compiled/axis_step.py`, with that error, over
+random steps.  Name tables to print only those: singles pairs triples peak.
 """
 
 from __future__ import annotations
@@ -26,6 +28,10 @@ FINER = 64
 SAMPLES, COURSE = 120, 20
 #: Largest difference of the positions, over the travel.
 ALLOWED = 1e-6
+#: Divisor of the bound of the error by the Stribeck peak, `_PEAK_ERROR` of the kernel.
+PEAK_ERROR = 230.0
+#: Velocity, in Stribeck speeds, below which an error is round-off.
+ROUND_OFF = 1e-13
 HOLDS = ("zero", "first")
 
 
@@ -171,16 +177,56 @@ def table(name: str, sets: list[tuple[str, ...]], seeds: range, shown: int) -> i
     return len(beyond)
 
 
+def peak(count: int) -> None:
+    """Print how the error of a step by the Stribeck peak compares with its bound.
+
+    In Stribeck speeds and steps: dq/dt = b - z exp(-q^2), one step of the classical Runge-Kutta
+    method of fourth order against 64.
+    """
+    begin, rng = time.process_time(), np.random.default_rng(0)
+    q0 = rng.uniform(0.0, 4.0, count)
+    z = np.exp(rng.uniform(np.log(1e-3), np.log(3.0), count))
+    b = z * np.exp(-(q0**2)) + rng.uniform(-1.0, 1.0, count)
+
+    def slope(q: np.ndarray) -> np.ndarray:
+        return b - z * np.exp(-(q**2))
+
+    def steps(q: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
+        h = 1.0 / number
+        for _ in range(number):
+            k1 = slope(q)
+            k2 = slope(q + 0.5 * h * k1)
+            k3 = slope(q + 0.5 * h * k2)
+            k4 = slope(q + h * k3)
+            q = q + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        return q, np.maximum(np.abs(slope(q0)), np.abs(k4))
+
+    once, fastest = steps(q0, 1)
+    exact, _ = steps(q0, 64)
+    nearest = np.maximum(np.minimum(q0, once), 0.0) ** 2
+    fades = np.minimum(1.0, np.exp(-nearest) * (1.0 + nearest) ** 2)
+    bound = z * fades * fastest * (fastest + z) ** 3 / PEAK_ERROR
+    error = np.abs(once - exact)
+    # Shorter ones are taken anyway, and what has turned round is another law.
+    some = (fastest < 1.0) & (np.minimum(once, exact) > 0.0) & (bound > ROUND_OFF)
+    ratio = error[some] / bound[some]
+    spent = time.process_time() - begin
+    print(
+        f"peak: {ratio.size} steps, error over its bound at most {ratio.max():.2f}, median "
+        f"{np.median(ratio):.2f}, lowest tenth below {np.quantile(ratio, 0.1):.3f}; {spent:.0f} s"
+    )
+
+
 def main() -> None:
     """Print every table, or those asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("tables", nargs="*", metavar="TABLE", help="of singles, pairs, triples")
+    parser.add_argument("tables", nargs="*", metavar="TABLE", help="of singles, pairs, triples, peak")
     parser.add_argument("--seeds", type=int, default=4, help="cases of each combination")
     parser.add_argument("--triples", type=int, default=2000, help="number of triples, at random")
     parser.add_argument("--shown", type=int, default=30, help="cases listed")
     chosen = parser.parse_args()
     seeds = range(chosen.seeds)
-    wanted = chosen.tables or ["singles", "pairs", "triples"]
+    wanted = chosen.tables or ["singles", "pairs", "triples", "peak"]
     if "singles" in wanted:
         table("singles", list(combinations(1)), seeds, chosen.shown)
     if "pairs" in wanted:
@@ -189,6 +235,8 @@ def main() -> None:
         every = list(combinations(3))
         drawn = np.random.default_rng(0).permutation(len(every))[: chosen.triples]
         table("triples", [every[i] for i in drawn], range(2), chosen.shown)
+    if "peak" in wanted:
+        peak(1_200_000)
 
 
 if __name__ == "__main__":

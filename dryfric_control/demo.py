@@ -38,7 +38,9 @@ def emps_controller(dt: float) -> dfc.PositionController:
     # From its reference: vir = kp kv (qg - qm) - kv dq, dq the backward difference of the
     # two-sample mean, saturation 10 V, 35.15 N/V (A. Janot, M. Gautier, M. Brunot, Nonlinear
     # System Identification Benchmarks, 2019).
-    kp, kv, gain = 160.18, 243.45, 35.15
+    kp = 160.18
+    kv = 243.45
+    gain = 35.15
     return dfc.PositionController(gain * kp * kv, 0.0, gain * kv, dt, limit=gain * 10.0, span=2)
 
 
@@ -55,7 +57,8 @@ def made_record() -> tuple[dfc.FrictionAxis, dfc.Record, dfc.PositionController]
     """Nominal axis (every parameter is off), simulated record of 20 s, its controller."""
     levels = dfc.CoulombMap.of((9.0, 7.0))
     true = dfc.FrictionAxis(12.0, 60.0, levels, travel=(0.0, 0.3), name="simulated axis")
-    dt, n = 1e-3, 20_000
+    dt = 1e-3
+    n = 20_000
     t = np.arange(n) * dt
     steps = np.repeat(np.random.default_rng(0).uniform(0.05, 0.25, 20), n // 20)
     slow = 0.15 + 0.08 * np.sin(2.0 * np.pi * t / 8.0)

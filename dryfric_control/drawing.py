@@ -26,10 +26,18 @@ DASHES = ("-", "--", "-.", ":", (0, (7, 2, 1, 2, 1, 2)))
 #: Time before which estimates, off by far more than later, are left out of the scale [s].
 _START = 0.1
 
-# Widths of a letter of title and legend, and of a legend's handle, in the font size [pt].
-_LETTER, _SMALL_LETTER, _HANDLE, _FONT = 6.5, 4.6, 32.0, 10.0
-# Height of a legend of one row [pt], and its most columns.
-_LEGEND, _MOST_COLUMNS = 20.0, 6
+# Font size of the widths below [pt].
+_FONT = 10.0
+# Width of a letter of a title [pt].
+_LETTER = 6.5
+# Width of a letter of a legend [pt].
+_SMALL_LETTER = 4.6
+# Width of a legend's handle [pt].
+_HANDLE = 32.0
+# Height of a legend of one row [pt].
+_LEGEND = 20.0
+# Most columns of a legend.
+_MOST_COLUMNS = 6
 
 # Widths of one and of two columns of a journal [in], and the font size of its captions [pt].
 _COLUMN = 3.5

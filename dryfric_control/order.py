@@ -12,8 +12,10 @@ from dryfric_control.arrays import Floats
 _SPAN = 0.05
 #: Samples that are sufficient.
 _ENOUGH = 2000
-#: Longest step and widest increment that are mistaken for one another.
-_STEP, _INCREMENT = 1e-5, 0.1
+#: Longest sampling time that may be an increment [s].
+_STEP = 1e-5
+#: Widest increment that may be a sampling time [m].
+_INCREMENT = 0.1
 
 
 def check_quantum_and_dt(name: str, quantum: float, dt: float) -> None:

@@ -27,8 +27,10 @@ from dryfric_control.observer.monte_carlo import MonteCarlo, monte_carlo
 TRAVEL = 10_000.0
 #: Increment of its encoder, the unit of position.
 QUANTUM = 1.0
-#: Corner of the low-pass on the reference (paper, section 5), bandwidth of the loop [rad/s].
-CORNER, BANDWIDTH = 20.0, 20.0
+#: Corner frequency of the low-pass on the reference (paper, section 5) [rad/s].
+CORNER = 20.0
+#: Bandwidth of the loop [rad/s].
+BANDWIDTH = 20.0
 #: Where the observer believes the axis to be at the start (paper, section 5).
 FIRST_ESTIMATE = 1000.0
 _FIRST = {"quantum": QUANTUM, "xhat0": FIRST_ESTIMATE}

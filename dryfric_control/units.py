@@ -24,8 +24,14 @@ class Unit(NamedTuple):
     kind: str
 
 
-_TURN, _DEGREE = 2 * math.pi, math.pi / 180
-_INCH, _FOOT, _POUND = 0.0254, 0.3048, 4.4482216152605
+# A turn and a degree [rad].
+_TURN = 2 * math.pi
+_DEGREE = math.pi / 180
+# An inch and a foot [m].
+_INCH = 0.0254
+_FOOT = 0.3048
+# A pound of force [N].
+_POUND = 4.4482216152605
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "micron": 1e-6, "nm": 1e-9,
             "in": _INCH, "inch": _INCH, "inches": _INCH, "mil": 1e-3 * _INCH, "ft": _FOOT,
             "foot": _FOOT, "feet": _FOOT}  # fmt: skip

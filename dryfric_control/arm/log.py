@@ -21,9 +21,10 @@ from dryfric_control.records.scaling import Scaling
 _SAME = 1e-3
 # Largest difference of the steps of two joints, relative.
 _SAME_STEP = 0.01
-# Range over which a joint may exceed its limits [rad or m], and the multiple of its range that
-# shows another unit.
-_OVER, _OTHER_UNIT = 0.2, 3.0
+# Largest distance of a joint beyond its limits [rad or m].
+_OVER = 0.2
+# Largest position over the limits of a joint, from which it is in another unit.
+_OTHER_UNIT = 3.0
 # Force that a motion needs over the largest one of the log, from which the log is another robot's.
 _TOO_STRONG = 3.0
 

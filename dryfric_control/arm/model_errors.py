@@ -33,27 +33,49 @@ if TYPE_CHECKING:
 LEAST_GAIN = 6.0
 # Difference of evidence below which another error is an alternative.
 _ALIKE = 3.0
-# Standard deviations of what may be off: mass of a link (part of it), its centre (part of its
-# distance from the joint, and a length besides [m]), payload [kg], and its distance from the frame
-# of the last link [m].
-_MASS, _CENTRE, _CENTRE_MORE, _PAYLOAD, _REACH = 0.15, 0.1, 0.01, 5.0, 0.3
-# The same of columns of a joint: armature, over the mean inertia; offset of the drive, Stribeck
-# parts, over the Coulomb level; part of the transmitted force; scale of the drive.
-_ARMATURE, _OFFSET, _PEAK, _BY_LOAD, _GAIN = 0.3, 0.1, 0.5, 0.2, 0.1
+# Standard deviations of the errors that a model may have before the log is seen.
+# Mass of a link, as a part of it.
+_MASS = 0.15
+# Centre of mass of a link, as a part of its distance from the joint.
+_CENTRE = 0.1
+# Centre of mass of a link, in addition [m].
+_CENTRE_MORE = 0.01
+# Payload [kg].
+_PAYLOAD = 5.0
+# Distance of the payload from the frame of the last link [m].
+_REACH = 0.3
+# Armature of a joint, over its mean inertia.
+_ARMATURE = 0.3
+# Offset of the drive, over the Coulomb level.
+_OFFSET = 0.1
+# Stribeck parts, over the Coulomb level.
+_PEAK = 0.5
+# Friction per transmitted force.
+_BY_LOAD = 0.2
+# Scale of the drive, relative.
+_GAIN = 0.1
 # Velocities of Stribeck parts, over the usual large velocity.
 _PEAKS = (0.03, 0.1, 0.3)
 # Standard deviation of the moment of inertia of a payload about its own centre [kg m^2].
 _OWN_INERTIA = 2e-3
-# Most searches for the place of a payload, the change that ends them [m], and the least mass there
-# [kg].
-_TURNS, _SETTLED, _LEAST = 10, 1e-4, 0.05
+# Most searches for the place of a payload.
+_TURNS = 10
+# Change of the place below which they end [m].
+_SETTLED = 1e-4
+# Least mass of a payload [kg].
+_LEAST = 0.05
 # Largest distance of a payload from the frame of its link, in each direction [m].
 _FARTHEST = 1.0
 # Standard errors from which a mass among those of all links is named.
 _SURE = 2.0
-# Most samples of a joint, rounds of weights, residuals a block, and degrees of freedom of Student's
-# distribution.
-_MOST, _ROUNDS, _BLOCK, _FREEDOM = 3000, 4, 10, 4.0
+# Most samples of a joint.
+_MOST = 3000
+# Rounds of weights.
+_ROUNDS = 4
+# Residuals of a block.
+_BLOCK = 10
+# Degrees of freedom of Student's distribution.
+_FREEDOM = 4.0
 
 
 class Compact(NamedTuple):

@@ -24,8 +24,10 @@ from dryfric_control.text import table
 if TYPE_CHECKING:
     from dryfric_control.arm.diagnose_arm import ArmDiagnoses
 
-# Samples of a joint that are drawn, and size of a picture [in].
-_SHOWN, _SIZE = 2000, (10.0, 3.4)
+# Samples of a joint that are drawn.
+_SHOWN = 2000
+# Width and height of a picture [in].
+_SIZE = (10.0, 3.4)
 _TEMPLATES = jinja2.Environment(
     loader=jinja2.PackageLoader("dryfric_control.arm", "."),
     autoescape=True,

@@ -76,7 +76,9 @@ TASK_CALL = types.void(
     *(_NUMBERS, _NUMBERS, _INTEGERS, _NUMBERS),  # memory, events, count, seen
 )
 
-FILIPPOV, PAPER = 0, 1
+#: Values of RULE, the switching rule.
+FILIPPOV = 0
+PAPER = 1
 
 #: Indices in the array of numbers that describes an axis; the coefficients of
 #: the Coulomb levels (for +, then for -) and the effects' parameters follow.
@@ -114,10 +116,18 @@ N_CORNERS, CORNERS, N_DRIVEN, LAWS = range(15, 19)
 #: time at rest, place, velocity, and load.  RELATIVE is 1 where they are parts of the level.
 BY_TIME, BY_PLACE, BY_VELOCITY, BY_LOAD, RELATIVE = range(-5, 0)
 
-#: Flags of STRUCTURE, to be added; ON_LOAD: the encoder is on the load; MOTOR_RUBS: of two
-#: masses the motor has the friction, and all forces.
-CONTACT, PLAY, SPRING, ON_LOAD, MOTOR_RUBS = 1, 2, 4, 8, 16
-ADVANCE, _LOOK, SETTLE = 0, 1, 2
+#: Flags of STRUCTURE, to be added.
+CONTACT = 1
+PLAY = 2
+SPRING = 4
+#: The encoder is on the load.
+ON_LOAD = 8
+#: Of two masses the motor has the friction, and all forces.
+MOTOR_RUBS = 16
+#: Tasks of the functions at RIGID_TASK and TASK.
+ADVANCE = 0
+_LOOK = 1
+SETTLE = 2
 
 #: Indices in the memory of an axis; the delay line follows.
 #: Position and velocity are those of the motor.  Inner states: deflection of the
@@ -129,8 +139,10 @@ N_INNER = 4
 # Local error of one step, relative to the velocity scale: far below the accuracy
 # guaranteed for switching times (1e-6 s) and far above round-off.
 TOLERANCE = 3e-9
-# Relative accuracy of a friction level that depends on itself, and the evaluations for it.
-_EQUAL_LEVELS, _SECANTS = 1e-15, 12
+# Relative accuracy of a friction level that depends on itself.
+_EQUAL_LEVELS = 1e-15
+# Most evaluations of the level for that.
+_SECANTS = 12
 # exp(-40) is below the round-off of 1: the Stribeck term is zero beyond.
 _STRIBECK_REACH = 40.0
 _STRIBECK_EDGE = math.sqrt(_STRIBECK_REACH)
@@ -139,10 +151,11 @@ _PEAK_ERROR = 230.0
 # Largest number of switches per sample, to bound the work.  Well-posed switching reaches it only
 # if a sample contains tens of thousands of oscillations; later switches are counted as lost.
 MAX_SWITCHES = 100_000
-# Switches closer than CLOSE, as a fraction of the interval, are due to a load and a level that
-# are equal up to round-off; after MOST_CLOSE successive ones the mode is held for a pause, which
-# grows each time.
-CLOSE, MOST_CLOSE = 1e-6, 64
+# Distance of two switches, as a fraction of the interval, below which they are due to a load and
+# a level that are equal up to round-off.
+CLOSE = 1e-6
+# Successive ones after which the mode is held for a pause, which grows each time.
+MOST_CLOSE = 64
 # Shortest stretch in which a load that nears its level is looked for, as a fraction of the times
 # over which it varies: what is left between two looks is found by the parabola through three.
 _FINEST_LOOK = 1e-2
@@ -557,7 +570,8 @@ def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
         )
     ):
         return 0.0
-    uneven, coupled = 0.0, 0.0
+    uneven = 0.0
+    coupled = 0.0
     if bend > 0.0:
         ratio = bend / (rise + bend)
         uneven = bend * min(0.53 * ratio * ratio, bend / (7.5 * abs(placed) + bend))
@@ -674,7 +688,8 @@ def _slope_rate(numbers, law, speed, acceleration):
 def _map_slope(plant, first, count):
     """Largest slope of the Coulomb map over the travel, given its coefficients."""
     reach = max(abs(plant.numbers[LOW]), abs(plant.numbers[HIGH]))
-    slope, power = 0.0, 1.0
+    slope = 0.0
+    power = 1.0
     for i in range(1, count):
         slope += i * abs(plant.numbers[first + i]) * power
         power *= reach
@@ -1206,7 +1221,8 @@ def _advance_bent(plant, t, u0, u1, h, memory, events, count):
     """Move the axis over h, in which the input laws bend between the inputs u0 and u1."""
     # The drive is linear between the inputs at which it bends.
     start, end = input_map(plant, t, memory, u0), input_map(plant, t, memory, u1)
-    seen, part = (0.0, 0.0, 0), 0.0
+    seen = (0.0, 0.0, 0)
+    part = 0.0
     for k in range(plant.integers[N_CORNERS] + 1):
         following = next_corner(plant, u0, u1, part)
         after = end

@@ -327,7 +327,8 @@ def _feedforward_delay(c, memory, forward):
 def _initial_state(c, memory, x, v, y, watch):
     """First sample: assumes that the axis has followed the reference so far, or rests."""
     if memory[DIRECTION] == 0.0:
-        v, memory[DIRECTION] = 0.0, 1.0
+        v = 0.0
+        memory[DIRECTION] = 1.0
         memory[SHARE] = c[EXCESS]
         for i in range(int(c[LEAD])):
             memory[LINE + STRIDE * i] = x

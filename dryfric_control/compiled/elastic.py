@@ -15,15 +15,17 @@ from numba import cfunc, njit
 from dryfric_control.compiled import axis_step as step
 from dryfric_control.compiled.roots import between, larger, narrowed, shorter
 
-# Error of the cut at a switch, as a fraction of the error allowed for a step; the same where
-# two masses meet, to which a filter is more sensitive.
-_CUT, _MEETING = 0.1, 0.01
+# Error of the cut at a switch, as a fraction of the error allowed for a step.
+_CUT = 0.1
+# The same where two masses meet, to which a filter is more sensitive.
+_MEETING = 0.01
 # Phase of mode 0 in which an elastic contact slides although it springs back, because the level
 # falls faster than its force: direction of the deflection times _BACK.
 _BACK = 2
-# Phase of mode 0 of a contact of bristles: direction of motion times _BENDS, until its deflection
-# is that part of the one with which it would slide for ever.
-_BENDS, _BENT = 3, 0.99
+# Phase of mode 0 of a contact of bristles that bends: direction of motion times _BENDS.
+_BENDS = 3
+# Deflection that ends this phase, over the one with which the contact would slide for ever.
+_BENT = 0.99
 # Half the span of a difference in time, as a fraction of the step.
 _SPAN = 1e-3
 # Shortest stretch of a step that is looked at for what begins and ends in it, as a fraction of the
@@ -1131,7 +1133,9 @@ def _settle(plant, force, inertia, t, memory):
     # A play is closed on the side of the drive, a spring carries the drive, and an elastic
     # contact carries the load up to the friction level.
     kind, half = plant.integers[step.STRUCTURE], plant.numbers[step.HALF_GAP]
-    memory[step.OFFSET], memory[step.SLIP], memory[step.DEFLECTION] = 0.0, 0.0, 0.0
+    memory[step.OFFSET] = 0.0
+    memory[step.SLIP] = 0.0
+    memory[step.DEFLECTION] = 0.0
     if kind & step.PLAY:
         memory[step.OFFSET] = -half if carried >= 0.0 else half
     if kind & step.SPRING:

@@ -559,7 +559,8 @@ def _sample(numbers, plant, memory, t, u, y, out, row):
     s = axis_step.further(memory, LINE + plant.integers[axis_step.N_HISTORY])
     dt, cell = numbers[DT], y / numbers[QUANTUM]
     drive = axis_step.input_map(plant, t, memory, u)
-    ratio_plus, ratio_minus = 0.0, 0.0
+    ratio_plus = 0.0
+    ratio_minus = 0.0
     repeated = memory[NODE] != 0.0 and s[READING] == y
     before = int(memory[MODE])
     if memory[NODE] == 0.0:
@@ -567,7 +568,10 @@ def _sample(numbers, plant, memory, t, u, y, out, row):
         _initial_state(numbers, s, cell)
     else:
         ratio_plus, ratio_minus = _predict_modes(numbers, plant, memory, s, t, y)
-    total, best, surprise, unexpected = 0.0, 0, 0.0, 0.0
+    total = 0.0
+    best = 0
+    surprise = 0.0
+    unexpected = 0.0
     likely = -1.0
     for mode in range(3):
         e, excess = _correct(numbers, s, mode, cell, repeated)

@@ -27,16 +27,21 @@ from dryfric_control.compiled.likelihood import FIRST, cost_of
 
 #: Squared innovation over its variance beyond which a reading gets a lower weight.
 DOUBTED = 9.0
-# Squared innovation over its variance from which a reading is an outlier, and the number of
-# successive outliers on one side that shows that the axis has moved differently.
-_STRANGE, _IN_A_ROW = 25.0, 3
+# Squared innovation over its variance from which a reading is an outlier.
+_STRANGE = 25.0
+# Number of successive outliers on one side that shows that the axis has moved differently.
+_IN_A_ROW = 3
 # Velocity in encoder cells per sample from which a reading locates the axis within a cell: at
-# lower speeds the same cell is read repeatedly, wherever in it the axis is. Then a prediction
-# inside the cell is no evidence, and is not corrected within this fraction of the cell.
-_PACE, _INSIDE = 0.15, 0.5
+# lower speeds the same cell is read repeatedly, wherever in it the axis is.
+_PACE = 0.15
+# Fraction of the cell within which a prediction at such a speed is not corrected: there it is no
+# evidence.
+_INSIDE = 0.5
 # Allowed error of the inertia force where inner states are set, as a fraction of the friction
-# level, and the longest averaging for it, in multiples of FIRST samples.
-_SEEN, _LONGEST = 0.1, 8
+# level.
+_SEEN = 0.1
+# Longest averaging for it, in multiples of FIRST samples.
+_LONGEST = 8
 # Error of the velocity there, as a fraction of its change during the averaging.
 _CURVED = 0.25
 # Slopes and variances of a velocity at rest are zero below this: they decay for ever, and
@@ -169,11 +174,12 @@ def _coarse(plant, held, t, h, x, v, rest, fall):
 
 # Places in the play at which a record that begins at rest may start.
 _PLACES = (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0)
-# Bounds of a state: distance from the start over the travel of the record, and velocity over
-# the fastest readings, or that many times as many cells.  Beyond, the filter gives up: an
-# axis that accelerates by itself, as with negative friction, would be integrated through every
-# period of its position-dependent forces.
-_LOST, _FASTER = 10.0, 100.0
+# Bounds of a state.  Beyond, the filter gives up: an axis that accelerates by itself, as with
+# negative friction, would be integrated through every period of its position-dependent forces.
+# Distance from the start over the travel of the record, or that many times as many cells.
+_LOST = 10.0
+# Velocity over the fastest readings, or that many times as many cells per sample.
+_FASTER = 100.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -267,12 +273,15 @@ def _settle(plant, t, dt, memory, u, y, k, alike):
     while alike > _SEEN * level * inverse * (w * dt) ** 2 and w <= _LONGEST * FIRST and 8 * w < n:
         w *= 2
     a = min(max(k - w, 0), max(n - 1 - 2 * w, 0))
-    way, bend = 0.0, 0.0
+    way = 0.0
+    bend = 0.0
     if n > 2 * w:
         way, bend = y[a + 2 * w] - y[a], y[a + 2 * w] - 2.0 * y[a + w] + y[a]
     numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
     behind = kind & (step.PLAY | step.SPRING) != 0
-    v, bent, inertia = 0.0, 0.0, 0.0
+    v = 0.0
+    bent = 0.0
+    inertia = 0.0
     if abs(way) > alike:
         v, bent = way / (2.0 * w * dt), bend / (w * dt) ** 2
         # With two masses, the inertia of the load only: it is what the transmission carries.
@@ -313,7 +322,9 @@ def _predict_near(
     """
     total = d + g * g * p
     width = math.sqrt(total)
-    x_mean, v_mean, resting = 0.0, 0.0, 1.0
+    x_mean = 0.0
+    v_mean = 0.0
+    resting = 1.0
     slope = g * p / total if total > 0.0 else 0.0
     drive, rest = step.drive_now(plant, t, dt, m, 0.5 * (u0 + end)), m[step.REST]
     doubt = 0.0
@@ -352,7 +363,8 @@ def _predict_near(
     # The variance of the position given the velocity is kept.
     m00 = p * d / total if total > 0.0 else p
     m00 += resting * _CREEP * reading
-    m01, m11 = 0.0, 0.0
+    m01 = 0.0
+    m11 = 0.0
     for i in range(5):
         a, b = points[i] - x_mean, points[5 + i] - v_mean
         if _MEANS[i] == 0.0:
@@ -369,7 +381,10 @@ def _predict_near(
 @step.internal(forceinline=True)
 def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, first, dx):
     """One sample of an axis whose mode is sure; slopes of its acceleration at the start."""
-    by_x, by_v, k1, gives = 0.0, 0.0, 0.0, 1.0
+    by_x = 0.0
+    by_v = 0.0
+    k1 = 0.0
+    gives = 1.0
     if mode != 0 and not two:
         held = step.held_force(step.drive_now(plant, t, dt, m, u0))
         if not plant.integers[step.STRUCTURE] & step.MOTOR_RUBS:
@@ -778,7 +793,9 @@ def _innovations(
         strain = (level / numbers[step.STIFFNESS]) ** 2 / 3.0
         two_masses.joined(cov, p, d, 0.0 if memory[step.MODE] != 0.0 else strain, memory[step.MODE])
     row, side, kept = 0, 0.0, False
-    over, pulled, pull = 1, 0.0, 0.0
+    over = 1
+    pulled = 0.0
+    pull = 0.0
     # The unstrained position of a sticking contact is as uncertain as the position was when it
     # stopped: its covariances with position and velocity, and its variance.
     strained, c0, c1, anchor = False, 0.0, 0.0, 0.0
@@ -786,7 +803,8 @@ def _innovations(
     held = contact and memory[step.MODE] == 0.0
     unknown = (level / numbers[step.CONTACT_STIFFNESS]) ** 2 / 3.0 if held else 0.0
     state[0, 0], state[1, 0], state[2, 0], state[3, 0] = y[0], v0, memory[step.MODE], 0.0
-    out[0, 0], out[1, 0] = 0.0, 0.0
+    out[0, 0] = 0.0
+    out[1, 0] = 0.0
     for k in range(1, n):
         t = t0 + (k - 1) * dt
         if known.shape[0] > 0:
@@ -866,11 +884,13 @@ def _innovations(
                 creep = _CREEP * spot if not sliding and not contact else 0.0
                 p, g, d = _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d)
             if not sliding and abs(g) < _NOTHING and d < _NOTHING:
-                g, d = 0.0, 0.0
+                g = 0.0
+                d = 0.0
         # Reading.
         x, v = memory[step.X], memory[step.V]
         v_free = v
-        out[0, k], out[1, k] = 0.0, 0.0
+        out[0, k] = 0.0
+        out[1, k] = 0.0
         if good[k]:
             if (scale * abs(w[k]) if fast else abs(y[k] - y[still])) > alike:
                 if kept:

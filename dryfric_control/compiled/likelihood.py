@@ -20,7 +20,8 @@ _SMALLEST = 1e-200
 @njit(cache=True, error_model="numpy", nogil=True)
 def cost_of(out, active, start, end):
     """`cost` of samples start to end - 1, half the log of the product of S (1 + e^2/(nu S))^5."""
-    total, product = 0.0, 1.0
+    total = 0.0
+    product = 1.0
     for k in range(start, end):
         s = out[1, k]
         if active[k] and s > 0.0:
@@ -65,7 +66,8 @@ def profiled(out, active, turns):
         before, factor = factor, max(total / max(count, 1), 1e-12)
         if abs(factor - before) < 1e-4 * before:
             break
-    spread, product = 0.0, 1.0
+    spread = 0.0
+    product = 1.0
     for ratio in ratios:
         wide = 1.0 + ratio / (FREEDOM * factor)
         if product * wide < 1.0 / _SMALLEST:
@@ -94,7 +96,8 @@ def slopes(out, before, after, low, high, slope):
     """
     wide = low + high
     for k in range(out.shape[1]):
-        slope[0, k], slope[1, k] = 0.0, 0.0
+        slope[0, k] = 0.0
+        slope[1, k] = 0.0
         s = out[1, k]
         if s > 0.0 and wide > 0.0:
             change = (after[0, k] - before[0, k]) / math.sqrt(s)

@@ -11,8 +11,9 @@ from dryfric_control.compiled import axis_step
 
 # Largest span of the velocity estimate [samples]; it sizes the controller's memory.
 LONGEST_SPAN = 8
-# Indices of the memory, the last readings newest first, and of the gains.
-INTEGRAL, SPEED, READINGS = 0, 1, 2
+# Indices of the memory, the last readings newest first.
+INTEGRAL, SPEED, READINGS = range(3)
+# Indices of the gains.
 KP, KI, KD, LIMIT, KEEP, SPAN, STEP = range(7)
 
 

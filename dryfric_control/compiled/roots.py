@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from numba import njit
 
-#: Step-size rule: safety factor, and the largest factors by which a step shrinks and grows.
-_SAFETY, _SHRINK, _GROW = 0.9, 0.1, 3.0
+# Safety factor of the step-size rule.
+_SAFETY = 0.9
+# Least factor of two successive steps.
+_SHRINK = 0.1
+# Largest factor of two successive steps.
+_GROW = 3.0
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -13,18 +13,26 @@ from numba import njit
 
 from dryfric_control.compiled import axis_step
 
-# Search for a start state (`benchmarks/diagnosis.py`, exact and off): fractions of a step
-# that are tried in turn; fall of the cost below which the search of a window ends (the
-# noise of the cost is sqrt(2 samples)); difference step over the start's standard deviation.
-_PARTS, _FALL, _SLOPE = (1.0, 0.25), 0.02, 0.1
-# Predicted fall that justifies new slopes; fraction of the predicted fall that justifies
-# another step along the old ones; and largest number of these steps.
-_NEW_SLOPES, _OLD_SLOPES, _STEPS = 0.3, 0.5, 3
+# Search for a start state (`benchmarks/diagnosis.py`, exact and off).
+# Fractions of a step that are tried in turn.
+_PARTS = (1.0, 0.25)
+# Fall of the cost below which the search of a window ends: its noise is sqrt(2 samples).
+_FALL = 0.02
+# Difference step over the start's standard deviation.
+_SLOPE = 0.1
+# Predicted fall of the cost that justifies new slopes.
+_NEW_SLOPES = 0.3
+# Fall over the predicted one that justifies another step along the old slopes.
+_OLD_SLOPES = 0.5
+# Largest number of these steps.
+_STEPS = 3
 # Cost per sample above which other start states of a window are tried: twice that of noise.
 _LOST = 2.0
-# Positions within a play that are tried for such a window (`benchmarks/diagnosis.py
-# backlash`): number over the whole play, and number of further ones closer to the best.
-_PLACES, _CLOSER = 9, 12
+# Positions over the whole play that are tried for such a window (`benchmarks/diagnosis.py
+# backlash`).
+_PLACES = 9
+# Number of further ones closer to the best.
+_CLOSER = 12
 
 
 #: No known force on the mass.
@@ -208,7 +216,8 @@ def _inner_at(run, w, i, place, inner):
         _begin(run, w, i, w.x0[i], w.v0[i], inner)
     if not np.isnan(place):
         inner[0], inner[1] = 0.0, place * run.plant.numbers[axis_step.HALF_GAP]
-        inner[2], inner[3] = 0.0, 0.0
+        inner[2] = 0.0
+        inner[3] = 0.0
 
 
 @axis_step.internal

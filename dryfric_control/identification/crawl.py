@@ -29,8 +29,10 @@ HIGHEST = 8
 _BLOCKS = 20
 # Motion for less than this part of the time is stick-slip.
 _SMOOTH = 0.5
-# Huber's limit, and rounds of finding level and noise in turn.
-_LIMIT, _ROUNDS = 1.5, 4
+# Huber's limit, in standard deviations.
+_LIMIT = 1.5
+# Rounds of finding level and noise in turn.
+_ROUNDS = 4
 # The part of the noise's variance that is at least left to friction itself.
 _LEAST = 1e-4
 

@@ -59,13 +59,18 @@ from dryfric_control.text import (
 from dryfric_control.ties import ranked
 from dryfric_control.units import check_units
 
-# Starts by default, and where a parameter acts at breakaway: the cost has several valleys; number
-# of starts that are searched on, of many.
-_STARTS, _MANY, _KEPT = 2, 6, 2
+# Number of starts.
+_STARTS = 2
+# The same where a parameter acts at breakaway: the cost has several minima.
+_MANY = 6
+# Starts that are searched on, of many.
+_KEPT = 2
 # Difference of log-likelihoods that prefers no end to that from the nominal values.
 _EQUAL = 0.5
-# Length of a block [s], and least number of blocks.
-_BLOCK, _BLOCKS = 1.0, 20
+# Longest block [s].
+_BLOCK = 1.0
+# Least number of blocks.
+_BLOCKS = 20
 # Power of what is left at low frequency over that of white noise, from which the model
 # does not fit (`benchmarks/identification.py coverage`).
 _LASTING = 1.5
@@ -78,8 +83,10 @@ _SHOWN_BY = {
 }
 #: Length of the free runs [s].
 WINDOW = 0.25
-# Their number in a record without a drive, and their least number of samples.
-_UNDRIVEN, _SHORTEST = 8, 8
+# Their number in a record without a drive.
+_UNDRIVEN = 8
+# Their least number of samples.
+_SHORTEST = 8
 # Part of the encoder quantum below which an error is none.
 _NOTHING = 1e-2
 

@@ -17,9 +17,12 @@ from dryfric_control.ties import samples
 
 # A standard error beyond this part of the value leaves the value open.
 _OPEN = 0.3
-# Correlation of two estimates beyond which only a combination is known, worth telling where
-# either is uncertain by more than this part of its value, and pairs named in full.
-_TOGETHER, _NOTICED, _PAIRS = 0.98, 0.02, 3
+# Correlation of two estimates beyond which only a combination is known.
+_TOGETHER = 0.98
+# Standard error, as a part of the value, from which such an estimate is reported.
+_NOTICED = 0.02
+# Most pairs named in full.
+_PAIRS = 3
 
 
 def cannot_tell(

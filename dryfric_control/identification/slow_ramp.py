@@ -21,8 +21,10 @@ from dryfric_control.records.record_checks import MIN_SAMPLES
 from dryfric_control.store.files import replacing
 from dryfric_control.text import Result
 
-# Stribeck velocities beyond which the excess is gone, and fewest switches of stick-slip.
-_CLEAR, _STEADY = 2.0, 16
+# Stribeck velocities beyond which the excess is gone.
+_CLEAR = 2.0
+# Fewest switches of stick-slip.
+_STEADY = 16
 
 
 @dataclass(frozen=True, eq=False, repr=False)

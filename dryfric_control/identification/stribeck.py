@@ -24,12 +24,22 @@ from dryfric_control.text import Result, fields_of, plain_data
 from dryfric_control.ties import NEAR, above
 from dryfric_control.units import check_units
 
-# Where the search starts: excess, width of the peak over the high velocities (this quantile),
-# and stick velocity over that width.
-_EXCESS, _SPEEDS, _FAST, _STICK = 0.2, (0.3, 0.03, 0.003), 0.98, (1.0, 0.01)
-# Fewest stick phases.  Shorter halts do not differ from a reading that lags; a move shorter than
-# this part of the long slips is part of one stick phase: noise, or the creep at its beginning.
-_FEWEST, _SHORTEST, _SLIP = 5, 10, 0.1
+# Where the search starts.
+# Excess of the breakaway force over the Coulomb level, relative.
+_EXCESS = 0.2
+# Quantile of the speed that counts as a high velocity.
+_FAST = 0.98
+# Stribeck velocities over the high velocity.
+_SPEEDS = (0.3, 0.03, 0.003)
+# Stick velocities over the Stribeck velocity.
+_STICK = (1.0, 0.01)
+# Fewest stick phases.
+_FEWEST = 5
+# Shortest stick phase [samples]: a shorter one does not differ from a reading that lags.
+_SHORTEST = 10
+# Least move between two stick phases over the long slips: a shorter one is noise, or the creep at
+# the beginning of a phase.
+_SLIP = 0.1
 # Slips that a replay runs on before it starts anew.
 _STRETCH = 5
 

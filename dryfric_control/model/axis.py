@@ -43,9 +43,11 @@ MODES = tuple(MODE_LABELS)
 #: Fields that must be positive, with their units.
 _POSITIVE = {"mass": "kg", "viscous": "N s/m", "stick_speed": "m/s", "stick_rate": "1/s"}
 
-#: Fastest change of speed that one sample may hold, in time constants: the steps
-#: inside it resolve that change, and beyond this a sample takes milliseconds.
-MOST_VISCOUS, MOST_STRIBECK = 1e5, 1e8
+#: Most time constants of viscous friction in one sample: the steps inside it resolve that change,
+#: and beyond this a sample takes milliseconds.
+MOST_VISCOUS = 1e5
+#: The same of the Stribeck peak.
+MOST_STRIBECK = 1e8
 #: Most samples of delay, and most turns of an effect in one sample.
 MOST_SAMPLES = 1e6
 #: Most samples of delay that become states of a linear system.
@@ -474,7 +476,8 @@ class FrictionAxis:
         inner = rigid_inner(axis)
         rate = axis.stick_rate if index == 0 else axis.viscous / axis.mass
         gain = 0.0 if index == 0 and input == "drive" else 1.0 / axis.mass
-        pull, read = 0.0, 1.0
+        pull = 0.0
+        read = 1.0
         if at is not None:
             slopes = self._slopes(index, at)
             read = slopes[3]

@@ -14,11 +14,16 @@ from dryfric_control.text import typeset
 #: A `FrictionAxis`, which is built upon this module.
 Axis = Any
 
-# Velocities of one direction, and positions over the travel.
-_POINTS, _PLACES = 241, 49
-# Velocities shown by default: so many Stribeck velocities, or as far as the viscous part
-# grows to this share of the Coulomb level, or so many stick velocities.
-_STRIBECK, _SHARE, _STICK = 8.0, 0.5, 1e3
+# Number of velocities of one direction.
+_POINTS = 241
+# Number of positions over the travel.
+_PLACES = 49
+# Largest velocity shown by default, over the Stribeck velocity;
+_STRIBECK = 8.0
+# without one, that at which the viscous force is this part of the Coulomb level;
+_SHARE = 0.5
+# without that, over the stick velocity.
+_STICK = 1e3
 
 
 def net_force(axis: Axis, t: Any, x: Any, v: Any, u: Any, way: Any, load: Any = NO_FORCE) -> Floats:

@@ -190,7 +190,8 @@ class _Switched(Law):
     """A law with a state of rest, in which friction holds the load up to a level."""
 
     # Largest velocity at rest, and index of the level there in `_Motion.forces`.
-    band, _held_by = 0.0, 1
+    band = 0.0
+    _held_by = 1
 
     def _solve(self, motion: _Motion, level: float, x: float, v: float, out: Floats) -> None:
         unit, band = np.array([motion.dt, 1.0]) * level * motion.push, self.band

@@ -18,7 +18,10 @@ from dryfric_control.text import typeset
 # Boxes of the modes in axes coordinates: left, bottom, width, height.
 _BOXES = {-1: (0.0, 0.60, 0.34, 0.33), 1: (0.66, 0.60, 0.34, 0.33), 0: (0.34, 0.12, 0.32, 0.31)}
 _SIGNS = {1: "+", -1: "-"}
-_EQUATION, _SMALL = 9.0, 8.0
+# Font size of the equations [pt].
+_EQUATION = 9.0
+# Font size of other text [pt].
+_SMALL = 8.0
 
 
 def plot_state_machine(axis: FrictionAxis, ax: Any = None) -> ct.ControlPlot:

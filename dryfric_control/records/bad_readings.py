@@ -19,20 +19,29 @@ REASONS = (JUMP, REPEATED, FILLED, GIVEN)
 
 # What follows was set so that none of the sound records of tests/truth loses a reading
 # and those of the recorder "outliers" lose what was spoiled (tests/records/test_bad_readings.py).
-# Least distance from the neighbours, in standard deviations of the noise, in quanta, and in
-# typical misfits of a cubic nearby.
-_DEVIATIONS, _QUANTA, _LOCAL, _NEAR = 20.0, 3.0, 12.0, 10
+# Least distance from the neighbours, in standard deviations of the noise,
+_DEVIATIONS = 20.0
+# in quanta of the encoder,
+_QUANTA = 3.0
+# and in typical misfits of a cubic nearby.
+_LOCAL = 12.0
+# Samples before and after a reading that are nearby.
+_NEAR = 10
 # Distance from the median of all that is no reading at all, in that of all other readings.
 _BEYOND = 30.0
 # Part of the jump by which the two lines and the cubic may differ.
 _AGREED = 0.5
-# Longest run of a repeated reading, and least step of the motion around it in deviations.
-_LONGEST, _STEP = 5, 8.0
+# Longest run of a repeated reading [samples].
+_LONGEST = 5
+# Least step of the motion around it, in standard deviations of the noise.
+_STEP = 8.0
 # More bad readings than this are no exceptions: such a record is left as it is.
 _MOST = 0.05
 _PASSES = 3
-# Changes of a reading that a slower source holds, and the part that must be about as far apart.
-_CHANGES, _ON_CLOCK = 20, 0.8
+# Fewest changes of a reading that a slower source holds.
+_CHANGES = 20
+# Part of them that must be about as far apart.
+_ON_CLOCK = 0.8
 # Runs of masked readings that print lists.
 _LISTED = 20
 # A grid point further than this from every stamp, in steps, has no reading of its own.

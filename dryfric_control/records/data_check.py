@@ -12,11 +12,21 @@ from dryfric_control.records.motion import ONE_VELOCITY, Record, directions, rev
 from dryfric_control.records.staircase import staircase
 from dryfric_control.text import Result, documented, length_text, stated
 
-# What a record must have: shortest rest [s] and [samples], parts of the samples that slide, part of
-# them either way, encoder steps of travel, travel over noise, part of the readings masked.
-_REST, _REST_SAMPLES = 0.05, 5
-_SLIDING, _EITHER_WAY = 0.1, 0.02
-_STEPS, _OVER_NOISE, _MASKED = 200, 100.0, 0.01
+# What a record must have.
+# Duration of its longest rest [s].
+_REST = 0.05
+# The same [samples].
+_REST_SAMPLES = 5
+# Part of the samples that slide.
+_SLIDING = 0.1
+# Part of these in the rarer direction.
+_EITHER_WAY = 0.02
+# Travel [encoder increments].
+_STEPS = 200
+# Travel over the noise of the position.
+_OVER_NOISE = 100.0
+# Largest part of the readings that may be masked.
+_MASKED = 0.01
 # Work taken out of the machine, as a part of all that passed, which no measurement error makes.
 _TAKEN = 0.2
 # Velocity [m/s], exceeded in 5 % of the motion, beyond which positions that nobody gave a unit are

@@ -13,9 +13,11 @@ from dryfric_control.ties import NEAR, samples
 #: A `Record`, which is built upon this module.
 Record = Any
 
-# A motion counts once it exceeds what a reading at rest can do: toggling between two codes, or
-# white noise at some five standard deviations of a difference of two readings.
-_CODES, _DEVIATIONS = 1.5, 8.0
+# A motion counts once it exceeds what a reading at rest can do.
+# Toggling between two codes, in encoder quanta.
+_CODES = 1.5
+# White noise, in standard deviations: some five of a difference of two readings.
+_DEVIATIONS = 8.0
 #: Longest half width over which a motion is looked for [s].
 LONGEST = 0.05
 #: Largest over smallest velocity below which there is only one.

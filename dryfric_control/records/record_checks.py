@@ -188,8 +188,10 @@ def without_load(units: dict[str, str]) -> dict[str, str]:
     return {role: unit for role, unit in units.items() if role != "load"}
 
 
-# Parts of the rows that may lack a number, or repeat a stamp, and be bridged.
-_LACKING, _DOUBLED = 0.2, 0.05
+# Largest part of the rows that may lack a number, and be bridged.
+_LACKING = 0.2
+# Largest part of the rows that may repeat a stamp.
+_DOUBLED = 0.05
 
 
 def sound_rows(
@@ -362,8 +364,12 @@ def _constant(values: Floats) -> bool:
     return bool(np.ptp(values) <= 8 * np.spacing(np.abs(values).max()))
 
 
-# A reset: a jump of so many steps nearby and largest other steps, that ends so near to zero.
-_RESET, _LARGEST, _AT_ZERO = 20.0, 3.0, 2.0
+# A counter was set to zero: least jump over the steps nearby,
+_RESET = 20.0
+# over the largest other step,
+_LARGEST = 3.0
+# and largest position after it over the steps nearby.
+_AT_ZERO = 2.0
 
 
 def _set_to_zero(x: Floats, steps: Floats) -> int | None:
@@ -403,9 +409,15 @@ def _period(x: Floats, wraps: Ints, grid: float | None) -> float:
     return grid * round(period / grid) if grid else period
 
 
-# Errors of a period of the encoder from which on it is another one: in changes of the step from
-# sample to sample, of one wrap and of several alike, and in parts of itself; least several wraps.
-_OTHER, _ALIKE_OTHER, _SHARE, _SURE = 8.0, 3.0, 1e-4, 3
+# Error of a period of the encoder from which on it is another one, in changes of the step from
+# sample to sample.
+_OTHER = 8.0
+# The same where several wraps have about the same error.
+_ALIKE_OTHER = 3.0
+# The same as a part of the period.
+_SHARE = 1e-4
+# Fewest wraps that are several.
+_SURE = 3
 
 
 def unwrapped(found: dict[str, Floats], period: float | None, factor: float) -> dict[str, Floats]:
@@ -487,14 +499,24 @@ def samples_at_limit(u: Floats, level: float) -> int:
     return int(at.sum())
 
 
-# Noise of an input whose limits may be found in it, as a part of its range, and what a median of
-# 5 readings leaves of it; half width of a limit in deviations of that.
-_NOISY, _MEDIAN, _BAND = 0.015, 0.54, 4.0
-# Shortest stay at a limit [samples] and least number of them; least way in the last quarter of a
-# stay's length before it, in deviations (a crest of a sine has 5); ratio of its two halves (a step
-# that lags slows down); change of the velocity during the stays, as a part of its range (what
-# friction alone asks for at constant velocity is no limit).
-_STAY, _STAYS, _RUN_IN, _EVEN, _CHANGE = 16, 3, 15.0, (0.7, 1.5), 0.05
+# Largest noise of an input whose limits are looked for in it, as a part of its range.
+_NOISY = 0.015
+# Noise of a median of 5 readings over that of one.
+_MEDIAN = 0.54
+# Half width of a limit, in standard deviations of the median.
+_BAND = 4.0
+# Shortest stay at a limit [samples].
+_STAY = 16
+# Fewest stays.
+_STAYS = 3
+# Least change of the input in the last quarter of a stay's length before it, in standard
+# deviations of the median: a crest of a sine has 5.
+_RUN_IN = 15.0
+# Range of the ratio of its two halves: a step that lags slows down.
+_EVEN = (0.7, 1.5)
+# Least change of the velocity during the stays, as a part of its range: what friction alone asks
+# for at constant velocity is no limit.
+_CHANGE = 0.05
 
 
 def clipped(u: Floats, x: Floats) -> Bools:
@@ -549,8 +571,10 @@ def spread_of(x: Floats, quantum: float) -> float:
     return max(floor, spread / 0.6745 / math.sqrt(70))
 
 
-# Part of the steps of one size from which on they must lie on the grid, and how exactly.
-_ALIKE, _EXACT = 0.9, 0.01
+# Part of the steps that have one size, from which on they must lie on the grid.
+_ALIKE = 0.9
+# Largest distance from the grid, as a part of it.
+_EXACT = 0.01
 
 
 def estimated_quantum(x: Floats, factor: float = 1.0) -> float | None:

@@ -29,8 +29,12 @@ from dryfric_control.records.record import Record
 from dryfric_control.text import Result, documented, length_text, percent, stated
 from dryfric_control.units import powers
 
-# Sliding samples that are sufficient, and velocities and places that stand in for a record.
-_SAMPLES, _VELOCITIES, _PLACES = 5000, 101, 9
+# Sliding samples that are sufficient.
+_SAMPLES = 5000
+# Number of velocities in place of those of a record.
+_VELOCITIES = 101
+# Number of positions in place of those of a record.
+_PLACES = 9
 # Part of a number below which what a record leaves open does not change it.
 _SAID = 1e-6
 # Part of the friction below which the error of a feature is none.

@@ -37,15 +37,22 @@ AGAINST = {
 }
 PANELS = 5 + len(AGAINST)
 
-# Free runs shown in the close-up of the position, and the least error for its scale: 0.1 um.
-_SHOWN, _LEAST_SHOWN = 5, 1e-7
+# Free runs shown in the close-up of the position.
+_SHOWN = 5
+# Least error for its scale [m].
+_LEAST_SHOWN = 1e-7
 # Bins of the medians of the force residual.
 _BINS = 24
-# Candidates that get a bar, rows that there is room for at least, dots of measured friction.
-_BARS, _ROWS, _DOTS = 8, 4, 3000
-# Stribeck velocities in a closer look at the peak, and how much of the width it may take
-# before that look is needless.
-_CLOSER, _WIDE = 8.0, 0.4
+# Most candidates that get a bar.
+_BARS = 8
+# Rows that there is room for at least.
+_ROWS = 4
+# Most dots of measured friction.
+_DOTS = 3000
+# Stribeck velocities in a closer look at the peak.
+_CLOSER = 8.0
+# Part of the width from which on the peak needs no such look.
+_WIDE = 0.4
 # Marks of motion forwards and backwards, for those who see no colour.
 _MARKS = {1: ">", -1: "<"}
 # Name of the lines that the scale of the force must hold.

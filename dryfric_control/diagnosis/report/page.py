@@ -27,9 +27,10 @@ from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.store.axis_file import axis_text
 from dryfric_control.text import length_text, percent, rotary_words, table, typeset
 
-# Size of a panel [in]: two stand side by side on a page, one fills a telephone; and the
-# resolution of clouds of dots.
-_PANEL, _DOTS = (4.9, 3.7), 200
+# Size of a panel [in]: two stand side by side on a page, one fills a telephone.
+_PANEL = (4.9, 3.7)
+# Resolution of clouds of dots [1/in].
+_DOTS = 200
 _TEMPLATES = jinja2.Environment(
     loader=jinja2.PackageLoader("dryfric_control.diagnosis.report", "."),
     autoescape=True,

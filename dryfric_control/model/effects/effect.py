@@ -176,12 +176,16 @@ class Inner(NamedTuple):
 
 # Largest slope that is handed to the compiled kernel: its products stay numbers.
 _MOST_SLOPE = 1e100
-# States at which a law without slopes of its own is tried, and the relative step of a difference.
-_STATES, _DIFFERENCE = 64, 1e-6
+# Number of states at which a law without slopes of its own is tried.
+_STATES = 64
+# Step of a difference there, relative.
+_DIFFERENCE = 1e-6
 # What the largest slope may be beyond that at these states, as a factor.
 _MARGIN = 1.5
-# Times and velocities of these states, as multiples of 1 s and of the largest velocity.
-_TIMES, _SPEEDS = (1e-4, 1e2), (1e-3, 1.0)
+# Range of the times of these states [s].
+_TIMES = (1e-4, 1e2)
+# Range of their velocities, over the largest velocity.
+_SPEEDS = (1e-3, 1.0)
 # Inputs between which an unknown input law counts as linear, and their range [N].
 _KNOTS = tuple(s * 10.0 ** (k / 16.0) for s in (-1.0, 1.0) for k in range(-48, 65))
 

@@ -14,8 +14,10 @@ from dryfric_control.model.effects.columns import Column, View, simulated
 from dryfric_control.model.effects.effect import BaseAxis, Effect, Inner, parameter, register_effect
 from dryfric_control.model.friction import middle_level
 
-# Damping ratio of a spring between motor and load, and share of the load, that are tried.
-_RATIO, _SHARE = 0.05, 0.45
+# Damping ratio of a spring between motor and load that is tried.
+_RATIO = 0.05
+# Part of the mass on the load side that is tried.
+_SHARE = 0.45
 # Lengths over which a soft contact may build up, in parts of the travel.
 _SOFT = np.array([0.003, 0.01, 0.03, 0.1])
 
@@ -190,7 +192,8 @@ class Backlash(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        parts, shares = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0), (0.35, 0.5, 0.65)
+        parts = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
+        shares = (0.35, 0.5, 0.65)
         for part, share, motor in itertools.product(parts, shares, cls._sides):
             gap = part * _elastic_length(view)
             yield simulated(gap=gap, load_fraction=share, friction_on_motor=motor)

@@ -9,8 +9,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-# Bytes that an archive may unpack to, at least, and per byte of the file: XML shrinks ten times.
-_ROOM, _RATIO = 2**26, 100
+# Size up to which any archive may unpack [byte].
+_ROOM = 2**26
+# Largest unpacked size over that of the file: XML shrinks ten times.
+_RATIO = 100
 
 
 def too_long(where: str, max_rows: int) -> str:

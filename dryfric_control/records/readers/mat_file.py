@@ -22,10 +22,17 @@ from dryfric_control.records.readers.mat73_file import read_mat73
 
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8",
           13: "u8"}  # fmt: skip
-_MATRIX, _COMPRESSED = 14, 15
-_STRUCT, _NUMERIC = 2, range(6, 16)
-# Bytes that compressed variables may hold together: a file of measured data shrinks less.
-_ROOM, _RATIO = 2**26, 100
+# Types of a data element (MAT-file format, table of data types).
+_MATRIX = 14
+_COMPRESSED = 15
+# Classes of an array (the same, table of array types).
+_STRUCT = 2
+_NUMERIC = range(6, 16)
+# Size up to which compressed variables may unpack together [byte].
+_ROOM = 2**26
+# Largest unpacked size over that of the file: measured data shrink less.
+_RATIO = 100
+# Deepest nesting of structs.
 _DEPTH = 8
 
 

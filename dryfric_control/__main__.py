@@ -8,7 +8,7 @@ import re
 import sys
 import warnings
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -373,22 +373,8 @@ def _joints(chosen: Namespace) -> int:
     for name in chosen.joints or ():
         if name not in axes:
             raise ValueError(f"--joints {name} is not there{did_you_mean(name, axes)}")
-    cases, refused = {}, {}
-    for name in chosen.joints or axes:
-        axis = axes[name]
-        options = {"gain": scaling, "joint": name, "name": name, **sampling}
-        try:
-            records = _read_records(chosen, axis, f", {name}", **options)
-        except ValueError as problem:
-            refused[name] = problem
-            continue
-        if axis.coulomb.mean == 0.0:  # a model that nobody has given any friction
-            guess = _GUESS * float(abs(records[0].u).max())
-            print(f"{name}: the model has no friction: {guess:.3g} {axis.units[1]} to start with")
-            axis = axis.replace(coulomb=guess)
-        cases[name] = axis, records
-    if not cases:
-        raise next(iter(refused.values()))
+    some = {name: axes[name] for name in chosen.joints or axes}
+    cases, refused = _read_joints(chosen, some, scaling, sampling)
     folder = output_folder(chosen.out)
     found = diagnose_joints(
         cases,
@@ -411,6 +397,28 @@ def _joints(chosen: Namespace) -> int:
     if found.failed:
         _say(f"not diagnosed: {', '.join(found.failed)}; the table and joints.json say why")
     return 1 if found.failed else 0
+
+
+def _read_joints(
+    chosen: Namespace, axes: Mapping[str, FrictionAxis], scaling: Scaling, sampling: dict[str, Any]
+) -> tuple[dict[str, tuple[FrictionAxis, list[Record]]], dict[str, ValueError]]:
+    """Axis and records of each joint, and what is wrong with those that cannot be read."""
+    cases, refused = {}, {}
+    for name, axis in axes.items():
+        options = {"gain": scaling, "joint": name, "name": name, **sampling}
+        try:
+            records = _read_records(chosen, axis, f", {name}", **options)
+        except ValueError as problem:
+            refused[name] = problem
+            continue
+        if axis.coulomb.mean == 0.0:  # a model that nobody has given any friction
+            guess = _GUESS * float(abs(records[0].u).max())
+            print(f"{name}: the model has no friction: {guess:.3g} {axis.units[1]} to start with")
+            axis = axis.replace(coulomb=guess)
+        cases[name] = axis, records
+    if not cases:
+        raise next(iter(refused.values()))
+    return cases, refused
 
 
 def _arm(chosen: Namespace) -> int:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from dryfric_control.arrays import Floats
+from dryfric_control.arrays import Bools, Floats
 from dryfric_control.estimation.parameters import Parameter
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of
@@ -39,40 +39,64 @@ def cannot_tell(
 
     `away`: directions without effect, as rows, in search coordinates; `slopes`: of the values.
     """
-    names = [p.name for p in parameters]
-    messages = []
     named: set[str] = set()
+    return [
+        *_no_effect_messages(axis, records, parameters, away, slopes, named),
+        *_uncertainty_messages(axis, records, parameters, values, errors, named),
+        *_correlation_messages(parameters, errors > _NOTICED * np.abs(values), correlation, named),
+    ]
+
+
+def _no_effect_messages(
+    axis: FrictionAxis, records: Sequence[Record], parameters: Sequence[Parameter], away: Floats,
+    slopes: Floats, named: set[str],
+) -> Iterator[str]:  # fmt: skip
+    """Messages on parameters and combinations that change nothing; adds them to `named`."""
+    names = [p.name for p in parameters]
     for row in away:
         parts = [(n, c * s) for n, c, s in zip(names, row, slopes, strict=True) if abs(c) > 1e-3]
         *most, last = together = [n for n, _ in parts]
         named.update(together)
         if not most:
             why = _cause(axis, records, parameters[names.index(last)])
-            messages.append(f"the data are uninformative about {last}: {why}")
+            yield f"the data are uninformative about {last}: {why}"
             continue
         change = ", ".join(f"{n} by {c / parts[0][1]:+.3g}" for n, c in parts)
-        messages.append(
+        yield (
             f"{', '.join(most)} and {last} cannot be separated: changing {change} gives the "
             f"same motion. The values given are those nearest to the nominal ones; hold one of "
             f"them{_reason({*together})}"
         )
+
+
+def _uncertainty_messages(
+    axis: FrictionAxis, records: Sequence[Record], parameters: Sequence[Parameter],
+    values: Floats, errors: Floats, named: set[str],
+) -> Iterator[str]:  # fmt: skip
+    """Messages on single parameters of large standard error; adds them to `named`."""
     for i, p in enumerate(parameters):
         size = abs(values[i])
         if p.name in named or p.kind in ("place", "angle"):
             continue
         if values[i] == p.low and p.low == 0.0:
             # At its bound the estimate has no spread to speak of.
-            messages.append(f"{p.name} ended at its lowest value: the record shows none of it")
+            yield f"{p.name} ended at its lowest value: the record shows none of it"
             named.add(p.name)
         elif (p.logarithmic or p.low == 0.0) and errors[i] > _OPEN * size:
             share = errors[i] / size
             much = f"{percent(share)} of" if share < 10.0 else "more than ten times"
-            messages.append(
+            yield (
                 f"{p.name} is hardly determined (standard error {much} its value): "
                 f"{_cause(axis, records, p)}" + see("troubleshooting")
             )
             named.add(p.name)
-    loose = errors > _NOTICED * np.abs(values)
+
+
+def _correlation_messages(
+    parameters: Sequence[Parameter], loose: Bools, correlation: Floats, named: set[str]
+) -> Iterator[str]:
+    """Messages on pairs of which only a combination is known."""
+    names = [p.name for p in parameters]
     # Coefficients of a polynomial always trade; its value is what counts.
     polynomial = {n for n in names if "[" in n}
     pairs = [
@@ -86,13 +110,12 @@ def cannot_tell(
     for pair in pairs[:_PAIRS]:
         other, one = (names[k] for k in pair)
         sign = "sum" if correlation[pair] < 0.0 else "difference"
-        messages.append(
+        yield (
             f"{one} and {other} trade against each other (correlation {correlation[pair]:+.3f}): "
             f"the record fixes their weighted {sign} far better than either{_reason({one, other})}"
         )
     if len(pairs) > _PAIRS:
-        messages.append(f"{len(pairs) - _PAIRS} more pairs trade like these, see .correlation")
-    return messages
+        yield f"{len(pairs) - _PAIRS} more pairs trade like these, see .correlation"
 
 
 def _reason(names: set[str]) -> str:

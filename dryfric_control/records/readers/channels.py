@@ -220,14 +220,7 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
         if column is not None or (role == "t" and timed)
     }
     for role in [role for role in NAMES if role not in columns]:
-        found = _same_joint(named(role, names), names, chosen)
-        found = _in_best_unit(role, found, headings)
-        if role not in ROLES[:3]:  # only what is beyond doubt, by name and unit
-            sure = [k for k in found if k not in chosen.values()]
-            sure = [k for k in sure if _fits(role, split_header(headings[k])[1])]
-            found = sure if len(found) == 1 else []
-        elif not found and _may_be_guessed(role, timed, names):
-            found = _guessed(role, headings, set(chosen.values()))
+        found = _usual_columns(role, headings, names, chosen, timed)
         if len(found) > 1 and role in ROLES[:3]:
             raise _several(role, found, headings, names, where)
         if found:
@@ -243,6 +236,20 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
         if chosen[a] == chosen[b]:
             raise ValueError(f"{where}: column {headings[chosen[a]]!r} serves as both {a} and {b}")
     return chosen
+
+
+def _usual_columns(
+    role: str, headings: list[str], names: list[str], chosen: dict[str, int], timed: bool | None
+) -> list[int]:
+    """Columns that may play a role by their names, or by their units where one must play it."""
+    found = _in_best_unit(role, _same_joint(named(role, names), names, chosen), headings)
+    if role not in ROLES[:3]:  # only what is beyond doubt, by name and unit
+        sure = [k for k in found if k not in chosen.values()]
+        sure = [k for k in sure if _fits(role, split_header(headings[k])[1])]
+        return sure if len(found) == 1 else []
+    if not found and _may_be_guessed(role, timed, names):
+        return _guessed(role, headings, set(chosen.values()))
+    return found
 
 
 def _in_best_unit(role: str, found: list[int], headings: list[str]) -> list[int]:

@@ -84,33 +84,17 @@ def _read(
     database: Any = None,
 ) -> Any:
     """A record from a source, or the first reason against it."""
-    if rate is not None and dt is not None:
-        raise ValueError(
-            "rate and dt are both given: rate is for a source without a column of time"
-        )
-    if max_gap is not None and dt is None:
-        raise ValueError("max_gap is for resampling: give dt= too")
-    one_of("hold", hold, ("zero", "first"))
-    if database is not None and not isinstance(database, (str, os.PathLike, list, tuple)):
-        raise ValueError(f"database must be the path of a DBC or an EDS, got {database!r}")
-    step = None if dt is None else positive("dt", dt)
-    if rate is not None:
-        step = 1.0 / positive("rate", rate)
+    _check_options(dt, rate, max_gap, hold, database)
+    step = _stated_step(dt, rate)
     timed = False if rate is not None else None if dt is not None else True
     wanted = Wanted(columns, joint, timed, step is not None, max_rows, hold, database)
     found = _on_even_clock(read_channels(source, wanted, gain, units, step))
     values: dict[str, Any] = {"u": None, "x": None, **found.values}
     if found.lacking and not wanted.lenient:
         raise RefusalError(found.lacking, dt=_usual_step(values["t"]))
-    good = values.pop("good", None)
-    extras = {role: values.pop(role) for role in EXTRAS if role in values}
     if values["x"] is None and "x" not in (columns or {}):
         warn(f"{found.name or 'the source'} has no position: it is the integral of the velocity")
-    kept = ("units", "notes", "quantum", "raw")
-    options: dict[str, Any] = {field: getattr(found, field) for field in kept}
-    options |= {"name": found.name if name is None else name, "unwrap": unwrap, "channels": extras}
-    if good is not None or found.masked is not None:
-        options["good"] = np.ones(np.size(values["t"]), bool) if good is None else good != 0
+    options = {**_record_options(found, values, name), "unwrap": unwrap}
     try:
         gaps = step is not None and any(map(_has_gaps, values.values()))
         if gaps or (dt is not None and found.timed):
@@ -124,6 +108,40 @@ def _read(
     if found.masked and len(found.masked) == len(made.masked.reasons):
         return made._with(masked=made.masked._replace(reasons=found.masked))
     return made
+
+
+def _check_options(
+    dt: float | None, rate: float | None, max_gap: float | None, hold: str, database: Any
+) -> None:
+    """Refuse arguments of no use, or that exclude one another."""
+    if rate is not None and dt is not None:
+        raise ValueError(
+            "rate and dt are both given: rate is for a source without a column of time"
+        )
+    if max_gap is not None and dt is None:
+        raise ValueError("max_gap is for resampling: give dt= too")
+    one_of("hold", hold, ("zero", "first"))
+    if database is not None and not isinstance(database, (str, os.PathLike, list, tuple)):
+        raise ValueError(f"database must be the path of a DBC or an EDS, got {database!r}")
+
+
+def _stated_step(dt: float | None, rate: float | None) -> float | None:
+    """Sampling time that the arguments state, if they do."""
+    if rate is not None:
+        return 1.0 / positive("rate", rate)
+    return None if dt is None else positive("dt", dt)
+
+
+def _record_options(found: Channels, values: dict[str, Any], name: str | None) -> dict[str, Any]:
+    """Arguments of a record beside its channels; what becomes one is taken from the values."""
+    good = values.pop("good", None)
+    kept = ("units", "notes", "quantum", "raw")
+    options: dict[str, Any] = {field: getattr(found, field) for field in kept}
+    options["name"] = found.name if name is None else name
+    options["channels"] = {role: values.pop(role) for role in EXTRAS if role in values}
+    if good is not None or found.masked is not None:
+        options["good"] = np.ones(np.size(values["t"]), bool) if good is None else good != 0
+    return options
 
 
 def _on_even_clock(found: Channels) -> Channels:

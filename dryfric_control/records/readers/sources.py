@@ -126,10 +126,7 @@ def _selected(
     if isinstance(table, LogFile):
         return _of_log(table, start, wanted)
     chosen = channels.assign_columns(known, wanted, start.where)
-    for role in (*channels.EXTRAS, "good"):  # kept where they are numbers, one for each sample
-        if role in chosen and role not in named and (role != "v" or "x" in chosen):
-            if not _is_channel(table[headings[chosen[role]]], table[headings[chosen["x"]]]):
-                del chosen[role]
+    _drop_unusable(chosen, table, headings, named)
     values = {role: table[headings[k]] for role, k in chosen.items()}
     units = {role: channels.split_header(headings[k])[1] for role, k in chosen.items()}
     for role, array in values.items():
@@ -151,6 +148,16 @@ def _selected(
         notes += channels.left_out(headings, chosen)
     notes += channels.guesses(known, chosen, wanted)
     return replace(start, values=values, units=units, notes=notes)
+
+
+def _drop_unusable(
+    chosen: dict[str, int], table: Mapping[str, Any], headings: list[str], named: Mapping[str, Any]
+) -> None:
+    """Drop further channels, unless asked for, that are not numbers, one for each sample."""
+    for role in (*channels.EXTRAS, "good"):
+        if role in chosen and role not in named and (role != "v" or "x" in chosen):
+            if not _is_channel(table[headings[chosen[role]]], table[headings[chosen["x"]]]):
+                del chosen[role]
 
 
 def _of_log(log: LogFile, start: Channels, wanted: Wanted) -> Channels:

@@ -246,13 +246,8 @@ def _own_notes(text: _Text) -> dict[str, Any]:
 
 def _lay_out(text: _Text, chunk: _Lines) -> int:
     """Find delimiter, headings and the chosen columns; index of the first row of numbers."""
-    columns, timed = text.wanted.columns, text.wanted.timed
     lines = [line for _, line in chunk[:_PREAMBLE]]
-    said = _SEPARATOR.fullmatch(lines[0].strip())
-    first = 1 if said else 0
-    if first == len(lines):
-        raise ValueError(f"{text.name} holds no data, only its separator")
-    text.delimiter = said[1].strip(" ") or None if said else _delimiter(lines)
+    first = _find_delimiter(text, lines)
     rows = [_cells(line, text.delimiter) for line in lines]
     if len(rows) - first <= 2 and not any(_is_number(c) for row in rows[first:] for c in row):
         raise ValueError(f"{text.name} holds a heading and no data rows")
@@ -261,22 +256,43 @@ def _lay_out(text: _Text, chunk: _Lines) -> int:
         start, text.headings, clocks = scope
     else:
         start = _with_headings(text, chunk, rows, first)
-        needed = 2 if not timed or (isinstance(columns, dict) and None in columns.values()) else 3
-        if len(text.headings) < needed:
-            raise ValueError(
-                f"{text.name} has {len(text.headings)} column(s), at least "
-                f"{'t, ' if timed else ''}u and x are "
-                "needed; columns are separated by comma, semicolon, tab or blanks. "
-                + ("Without a column of time give rate= [samples per s]. " if timed else "")
-                + "Of files with one channel each, give all: "
-                'read_record({"t": path, "u": path, "x": path})'
-            )
+        _check_column_count(text)
+    _choose_columns(text, clocks)
+    return start
+
+
+def _find_delimiter(text: _Text, lines: list[str]) -> int:
+    """Find the delimiter, stated or not; index of the first line of content."""
+    stated = _SEPARATOR.fullmatch(lines[0].strip())
+    if stated and len(lines) == 1:
+        raise ValueError(f"{text.name} holds no data, only its separator")
+    text.delimiter = stated[1].strip(" ") or None if stated else _delimiter(lines)
+    return 1 if stated else 0
+
+
+def _check_column_count(text: _Text) -> None:
+    """Refuse a file of fewer columns than a record needs."""
+    columns, timed = text.wanted.columns, text.wanted.timed
+    needed = 2 if not timed or (isinstance(columns, dict) and None in columns.values()) else 3
+    if len(text.headings) < needed:
+        raise ValueError(
+            f"{text.name} has {len(text.headings)} column(s), at least "
+            f"{'t, ' if timed else ''}u and x are "
+            "needed; columns are separated by comma, semicolon, tab or blanks. "
+            + ("Without a column of time give rate= [samples per s]. " if timed else "")
+            + "Of files with one channel each, give all: "
+            'read_record({"t": path, "u": path, "x": path})'
+        )
+
+
+def _choose_columns(text: _Text, clocks: list[int]) -> None:
+    """Choose the columns by their headings, and to each that of its time, of several."""
+    columns = text.wanted.columns or {}
     text.chosen = channels.assign_columns(text.headings, text.wanted, text.name)
-    text.optional = tuple(r for r in EXTRAS if r in text.chosen and r not in (columns or {}))
-    if clocks and "t" in text.chosen and "t" not in (columns or {}):
+    text.optional = tuple(r for r in EXTRAS if r in text.chosen and r not in columns)
+    if clocks and "t" in text.chosen and "t" not in columns:
         played = {role: k for role, k in text.chosen.items() if role != "t"}
         text.clocks = {role: max(c for c in clocks if c <= k) for role, k in played.items()}
-    return start
 
 
 def _delimiter(above: list[str]) -> str | None:
@@ -533,21 +549,7 @@ def _value(text: _Text, role: str, column: int, cell: str, number: int, exact: b
     if role == "t" and text.dated and (stamp := _stamp(cell)) is not None:
         return stamp
     if not _is_number(cell) or (text.delimiter == "," and "," in cell):
-        missing = cell.lower() in _NO_NUMBER
-        if role in text.optional or (missing and (text.wanted.lenient or text.clocks)):
-            return math.nan
-        what = f"{cell[:40]!r} is not a number" if cell else _EMPTY
-        label = text.headings[column] or str(column)
-        message = f"{text.name}: row {number}, column {label!r} ({role}): {what}"
-        if _is_number(cell):
-            message += (
-                ", but one in quotes with a comma, decimal or of thousands: export it with "
-                "semicolons between the columns, or with decimal points"
-            )
-        if missing and role != "t":
-            text.lacking = text.lacking or message
-            return math.nan
-        raise ValueError(message + _DATES * (role == "t" and cell.count(":") + cell.count("-") > 1))
+        return _missing_value(text, role, column, cell, number)
     mark = "," if "," in cell else "." if "." in cell else ""
     if mark and text.decimal and mark != text.decimal:
         raise ValueError(
@@ -556,3 +558,25 @@ def _value(text: _Text, role: str, column: int, cell: str, number: int, exact: b
         )
     text.decimal = text.decimal or mark
     return _exact(cell) if exact else _number(cell)
+
+
+def _missing_value(text: _Text, role: str, column: int, cell: str, number: int) -> float:
+    """NaN for a cell without a number where there may be one, or an error that says what is there.
+
+    The first cell that lacks a number of a needed channel goes to `text.lacking`.
+    """
+    missing = cell.lower() in _NO_NUMBER
+    if role in text.optional or (missing and (text.wanted.lenient or text.clocks)):
+        return math.nan
+    what = f"{cell[:40]!r} is not a number" if cell else _EMPTY
+    label = text.headings[column] or str(column)
+    message = f"{text.name}: row {number}, column {label!r} ({role}): {what}"
+    if _is_number(cell):
+        message += (
+            ", but one in quotes with a comma, decimal or of thousands: export it with "
+            "semicolons between the columns, or with decimal points"
+        )
+    if missing and role != "t":
+        text.lacking = text.lacking or message
+        return math.nan
+    raise ValueError(message + _DATES * (role == "t" and cell.count(":") + cell.count("-") > 1))

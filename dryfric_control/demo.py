@@ -18,7 +18,7 @@ from dryfric_control import presets
 from dryfric_control.diagnosis.report.diagnosis import write_report
 from dryfric_control.drawing import MEASURED, legend_above, title_above
 from dryfric_control.identification import CoulombIdentification, SlowRamp
-from dryfric_control.store.files import output_folder, replacing, write_file
+from dryfric_control.store.files import output_folder, replace_file, write_file
 from dryfric_control.text import length_text, percent
 
 #: What it does and how long that takes, as measured for the README.
@@ -251,6 +251,6 @@ def run(
 
 def save(figure: ct.ControlPlot, path: Path) -> None:
     """Write a figure as PNG, whole or not at all, and close it."""
-    with replacing(path) as temporary:
+    with replace_file(path) as temporary:
         figure.figure.savefig(temporary, dpi=110, format="png")
     plt.close(figure.figure)

@@ -143,15 +143,15 @@ class Result:
     #: What `to_dict` gives; all public fields where none is named.
     _told: ClassVar[tuple[str, ...]] = ()
 
-    def _shown(self) -> Iterable[str | Sequence[Sequence[str]]]:
+    def _summary_parts(self) -> Iterable[str | Sequence[Sequence[str]]]:
         """Lines of text, and tables as sequences of rows, the headings first."""
         raise NotImplementedError
 
-    def _worded(self) -> Iterable[str | Sequence[Sequence[str]]]:
+    def _parts_in_axis_words(self) -> Iterable[str | Sequence[Sequence[str]]]:
         """The same in the words of the axis that it is of."""
         units = getattr(getattr(self, "axis", self), "units", None)
         force = units[1] if isinstance(units, tuple) else ""
-        for one in self._shown():
+        for one in self._summary_parts():
             if isinstance(one, str):
                 yield rotary_words(one, force)
             else:
@@ -160,7 +160,8 @@ class Result:
     def summary(self) -> str:
         """What there is to see, in plain lines."""
         return "\n".join(
-            wrapped([one]) if isinstance(one, str) else table(one) for one in self._worded()
+            wrapped([one]) if isinstance(one, str) else table(one)
+            for one in self._parts_in_axis_words()
         )
 
     def __repr__(self) -> str:
@@ -169,7 +170,7 @@ class Result:
     def _repr_html_(self) -> str:
         return "".join(
             f"<p>{html.escape(typeset(one))}</p>" if isinstance(one, str) else table(one, True)
-            for one in self._worded()
+            for one in self._parts_in_axis_words()
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -93,7 +93,9 @@ for _name in ("ObserverStepper", "observed_loop", "simulate_observed_loop"):
     PUBLIC[_name] = getattr(dfc.observer, _name)
 
 # An arm of one joint, and a log of it.
-ARM = importlib.util.find_spec("mujoco") and dfc.arm.rigid_model._mujoco().MjModel.from_xml_string(
+ARM = importlib.util.find_spec(
+    "mujoco"
+) and dfc.arm.rigid_model._import_mujoco().MjModel.from_xml_string(
     '<mujoco><worldbody><body name="a"><joint name="elbow" axis="0 0 1"/>'
     '<inertial pos="0 0 0" mass="1" diaginertia="2 2 2"/></body></worldbody></mujoco>'
 )

@@ -138,7 +138,7 @@ def test_results_are_shown_in_the_units_of_their_axis(run):
 class Shown(Result):
     """A result as small as can be."""
 
-    def _shown(self):
+    def _summary_parts(self):
         yield [("name <1>", "value"), ("drag", "2 N s/m")]
         yield "error 3 um +- 1 um & more"
         yield "    " + "indented words " * 8

@@ -88,9 +88,9 @@ class ArmRecords(Result, Mapping[str, tuple[FrictionAxis, Record]]):
             What `model_errors` found.
         """
         given = {joint: self.axes[joint] for joint in self.given}
-        return _coupled(self.arm.without(errors), self.records, self.motion, given)
+        return _with_coupling(self.arm.without(errors), self.records, self.motion, given)
 
-    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+    def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         head = ("joint", "inertia", "least", "largest", "load RMS", "drive RMS", "unit")
         rows: list[tuple[str, ...]] = [head]
         for joint, (axis, record) in self.items():
@@ -205,7 +205,7 @@ def arm_records(
     records = joint_records(arm, log, scaling, **reading)
     smooth = [record.derivatives() for record in records.values()]
     motion = Motion(*(np.stack(one, axis=1) for one in zip(*smooth, strict=True)))
-    return _coupled(arm, records, motion, axes)
+    return _with_coupling(arm, records, motion, axes)
 
 
 def _checked_axes(axes: Any, joints: Sequence[str]) -> dict[str, FrictionAxis]:
@@ -221,7 +221,7 @@ def _checked_axes(axes: Any, joints: Sequence[str]) -> dict[str, FrictionAxis]:
     return dict(axes)
 
 
-def _coupled(
+def _with_coupling(
     arm: RigidArm, records: Mapping[str, Record], motion: Motion, axes: Mapping[str, FrictionAxis]
 ) -> ArmRecords:
     """The records with the coupling of a model, and axes where none are given."""
@@ -238,18 +238,18 @@ def _coupled(
                 f"; the inertia changes by {percent(changes)}, which acts at the smoothed "
                 "acceleration"
             )
-        one = loaded[joint] = _loaded(record, force[:, j] - means[j] * motion.a[:, j], note)
+        one = loaded[joint] = _with_load(record, force[:, j] - means[j] * motion.a[:, j], note)
         found[joint] = axes.get(joint) or _nominal(joint, arm, means[j], one, motion.v[:, j])
     spans = zip(inertia.min(axis=0).tolist(), inertia.max(axis=0).tolist(), strict=True)
     inertias = dict(zip(records, spans, strict=True))
     return ArmRecords(found, loaded, inertias, arm, motion, tuple(axes))
 
 
-def _loaded(record: Record, coupling: Floats, note: str) -> Record:
+def _with_load(record: Record, coupling: Floats, note: str) -> Record:
     """A record whose load is a coupling force with the opposite sign, its mean over each sample."""
     mean = 0.5 * (coupling + np.append(coupling[1:], coupling[-1:]))
     notes = tuple(one for one in record.notes if not one.startswith("load: "))
-    return record._with(channels={**record.channels, "load": -mean}, notes=(*notes, note))
+    return record._derive(channels={**record.channels, "load": -mean}, notes=(*notes, note))
 
 
 def _nominal(

@@ -35,7 +35,7 @@ class ArmDiagnoses(JointDiagnoses):
         "Records with the coupling of the corrected model.", kw_only=True
     )
 
-    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+    def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         named = [error for error in self.model_errors if error.named]
         if not named:
             yield "masses of the model: nothing to find"
@@ -43,7 +43,7 @@ class ArmDiagnoses(JointDiagnoses):
         unsure = [error.link for error in self.model_errors if not error.named]
         if unsure:
             yield f"model: the motion does not separate the masses of {', '.join(unsure)}"
-        yield from super()._shown()
+        yield from super()._summary_parts()
 
     def to_dict(self) -> dict[str, Any]:
         """`Diagnosis.to_dict` of each joint under "joints", beside the errors of the model."""
@@ -130,7 +130,7 @@ def diagnose_arm(
     >>> found["table"].verdict, found.model_errors
     ('nothing to find', ())
     """
-    names, tolerance, time_limit = _checked(known, tolerance, store, time_limit, hold)
+    names, tolerance, time_limit = _check_options(known, tolerance, store, time_limit, hold)
     nominal = arm_records(model, log, **options)
     if window is not None:
         for joint, (_, record) in nominal.items():
@@ -162,7 +162,7 @@ def _check_window(joint: str, record: Record, window: float, hold: str) -> None:
         raise
 
 
-def _checked(
+def _check_options(
     known: Any, tolerance: Any, store: Any, time_limit: Any, hold: Any
 ) -> tuple[tuple[str, ...], Any, float | None]:
     """Arguments that are used only after the model, looked at before."""

@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 
 from dryfric_control.arm.rigid_model import RigidArm
 from dryfric_control.arrays import Floats
-from dryfric_control.records.bad_readings import filled
+from dryfric_control.records.bad_readings import mask_filled
 from dryfric_control.records.read import read_record
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_warning import warn
@@ -42,7 +42,7 @@ def joint_records(arm: RigidArm, log: Any, scaling: Any, /, **options: Any) -> d
     found: dict[str, Record] = {}
     for joint in arm.joints:
         if own:
-            found[joint] = _given(log, joint, arm)
+            found[joint] = _joint_record(log, joint, arm)
             continue
         gain = scaling.get(joint) if isinstance(scaling, Mapping) else scaling
         try:
@@ -59,7 +59,7 @@ def joint_records(arm: RigidArm, log: Any, scaling: Any, /, **options: Any) -> d
     return _on_one_clock(found)
 
 
-def _given(log: Mapping[str, Record], joint: str, arm: RigidArm) -> Record:
+def _joint_record(log: Mapping[str, Record], joint: str, arm: RigidArm) -> Record:
     if joint not in log:
         raise _missing(joint, f"it has {', '.join(map(str, log)) or 'none'}")
     return log[joint]
@@ -123,7 +123,7 @@ def _on_one_clock(found: dict[str, Record]) -> dict[str, Record]:
         f"the joints have stamps of their own ({most} begins {late[most]:.4g} s after "
         f"{next(iter(found))}): they were put on one clock"
     )
-    return {joint: _at(record, clock) for joint, record in found.items()}
+    return {joint: _interpolate_record(record, clock) for joint, record in found.items()}
 
 
 def _same_stamps(one: Record, other: Record) -> bool:
@@ -131,7 +131,7 @@ def _same_stamps(one: Record, other: Record) -> bool:
     return len(one) == len(other) and bool(np.abs(one.t - other.t).max() <= _SAME * one.dt)
 
 
-def _at(record: Record, clock: Floats) -> Record:
+def _interpolate_record(record: Record, clock: Floats) -> Record:
     """A record at other instants of the same step."""
     dt, t = record.dt, record.t
     edges = np.append(t, t[-1] + dt)
@@ -139,8 +139,8 @@ def _at(record: Record, clock: Floats) -> Record:
     u = np.diff(np.interp(np.append(clock, clock[-1] + dt), edges, impulse)) / dt
     inside = np.clip(clock, t[0], t[-1])
     x = PchipInterpolator(t, record.x)(inside)
-    masked = filled(t[record.good], clock, x, dt)
-    return record._with("put on the clock of the other joints", t=clock, u=u, x=x, dt=dt,
+    masked = mask_filled(t[record.good], clock, x, dt)
+    return record._derive("put on the clock of the other joints", t=clock, u=u, x=x, dt=dt,
                         channels={}, reference=None, masked=masked)  # fmt: skip
 
 

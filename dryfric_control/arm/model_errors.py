@@ -99,7 +99,7 @@ class Compact(NamedTuple):
         columns[4:7, 4] = 1.0
         return regressor @ columns, np.array([_PAYLOAD, *[_REACH] * 3, _OWN_INERTIA])
 
-    def body(self, mean: Floats) -> tuple[float, Floats, Floats]:
+    def body_parameters(self, mean: Floats) -> tuple[float, Floats, Floats]:
         """Mass, place and second moments at an estimate of its parameters."""
         if self.place is None:
             return float(mean[0]), mean[1:4] / max(float(mean[0]), _LEAST), mean[4:]
@@ -174,7 +174,7 @@ class ModelError(Result):
         others = f"; or as well {' or '.join(self.alternatives)}" if self.alternatives else ""
         return text + others
 
-    def _shown(self) -> list[str]:
+    def _summary_parts(self) -> list[str]:
         return [self.sentence]
 
 
@@ -199,16 +199,16 @@ def find_model_errors(records: ArmRecords) -> tuple[ModelError, ...]:
     """
     # On small matrices, threads cost more than they gain.
     with threadpool_limits(1):
-        return _found(records)
+        return _search_errors(records)
 
 
-def _found(records: ArmRecords) -> tuple[ModelError, ...]:
+def _search_errors(records: ArmRecords) -> tuple[ModelError, ...]:
     links = records.arm.links()
     rows = sliding_rows(records, links)
     joints, payloads = records.arm.joints, {link.name: Compact() for link in links if link.last}
     for _ in range(_TURNS):
         regression = Regression(rows, groups_of(rows, links, joints, payloads))
-        payloads, change = regression.payloads(payloads)
+        payloads, change = regression.update_payloads(payloads)
         if change < _SETTLED:
             break
     regression = Regression(rows, groups_of(rows, links, joints, payloads))
@@ -227,7 +227,7 @@ def sliding_rows(records: ArmRecords, links: Sequence[Link]) -> Rows:
         u, direction = sliding.u[::step], sliding.direction[::step].astype(float)
         motion = Motion(*(one[pick] for one in records.motion))
         force, _ = arm.forces(motion)
-        regressor = arm.regressor(motion, links)[:, j]
+        regressor = arm.regression_matrix(motion, links)[:, j]
         v, a = motion.v[:, j], motion.a[:, j]
         level = axis.coulomb.mean
         fast = float(np.quantile(np.abs(v), 0.9)) if v.size else 1.0
@@ -301,10 +301,10 @@ class Regression:
         self._precision = 1.0 / spread**2
         ends = rows.own.shape[1] + np.cumsum([group.spread.size for group in groups])
         self._at = [np.arange(e - g.spread.size, e) for e, g in zip(ends, groups, strict=True)]
-        self._weigh(np.ones(rows.y.size), np.ones(rows.y.size))
+        self._weight_rows(np.ones(rows.y.size), np.ones(rows.y.size))
         self._settle(range(len(self.groups)))
 
-    def _weigh(self, noise: Floats, weight: Floats) -> None:
+    def _weight_rows(self, noise: Floats, weight: Floats) -> None:
         """Normal equations of all columns, at the noise and weight of each row."""
         scale = weight / noise**2
         self._normal = self._columns.T @ (self._columns * scale[:, None])
@@ -323,8 +323,8 @@ class Regression:
                 spread = 1.4826 * float(np.median(np.abs(e))) or 1e-12
                 weight[mine] = (_FREEDOM + 1.0) / (_FREEDOM + (e / spread) ** 2)
                 # What is correlated over rows counts as fewer of them.
-                noise[mine] = spread * math.sqrt(_correlated(e, weight[mine]))
-            self._weigh(noise, weight)
+                noise[mine] = spread * math.sqrt(_variance_inflation(e, weight[mine]))
+            self._weight_rows(noise, weight)
 
     def _pick(self, some: Iterable[int]) -> Ints:
         """Columns of the friction, and of some groups."""
@@ -368,15 +368,15 @@ class Regression:
                     chosen, now = without, self.evidence(without)
         return chosen
 
-    def payloads(self, before: Mapping[str, Compact]) -> tuple[dict[str, Compact], float]:
+    def update_payloads(self, before: Mapping[str, Compact]) -> tuple[dict[str, Compact], float]:
         """Payloads beside masses of links, and the change of their places [m]."""
         some = [i for i, group in enumerate(self.groups) if group.kind in ("masses", "payload")]
-        solved, found, change = self.solved(some), dict[str, Compact](), 0.0
+        solved, found, change = self.solve_groups(some), dict[str, Compact](), 0.0
         for i in some:
             group = self.groups[i]
             if group.payload is None:
                 continue
-            mass, place, _ = group.payload.body(solved[i].mean)
+            mass, place, _ = group.payload.body_parameters(solved[i].mean)
             mass = max(mass, _LEAST)
             last = before[group.of].place
             place = np.clip(place, -_FARTHEST, _FARTHEST)
@@ -387,11 +387,11 @@ class Regression:
     def _gain(self, some: Sequence[int], before: float) -> float:
         """Gain of evidence by the last of some groups; none by a payload that is no mass."""
         last = some[-1]
-        if self.groups[last].kind == "payload" and self.solved(some)[last].mean[0] <= 0.0:
+        if self.groups[last].kind == "payload" and self.solve_groups(some)[last].mean[0] <= 0.0:
             return -math.inf
         return self.evidence(some) - before
 
-    def solved(self, chosen: Sequence[int]) -> dict[int, Solved]:
+    def solve_groups(self, chosen: Sequence[int]) -> dict[int, Solved]:
         """Estimates of the chosen groups."""
         pick = self._pick(chosen)
         covariance = np.asarray(np.linalg.inv(self._information(pick)), dtype=float)
@@ -404,7 +404,7 @@ class Regression:
 
     def errors(self, chosen: Sequence[int]) -> Iterator[ModelError]:
         """The chosen groups as errors of the model; the drive of a joint is none."""
-        now, solved = self.evidence(chosen), self.solved(chosen)
+        now, solved = self.evidence(chosen), self.solve_groups(chosen)
         for i in chosen:
             group, (mean, covariance) = self.groups[i], solved[i]
             if group.kind == "drive":
@@ -427,7 +427,7 @@ def _errors(
         place, by = tuple(mean.tolist()), tuple(unsure.tolist())
         yield ModelError("centre", group.of, 1.0, 0.0, place, by, (), gain, others)
     elif group.payload is not None:
-        mass, centre, second = group.payload.body(mean)
+        mass, centre, second = group.payload.body_parameters(mean)
         yield ModelError(
             "payload", group.of, mass, float(unsure[0]), tuple(centre.tolist()),
             tuple(unsure[1:4].tolist()), tuple(second.tolist()), gain, others,
@@ -440,7 +440,7 @@ def _errors(
             )  # fmt: skip
 
 
-def _correlated(e: Floats, weight: Floats) -> float:
+def _variance_inflation(e: Floats, weight: Floats) -> float:
     """Variance of means of blocks of rows, over that of independent rows; at least 1."""
     count = e.size // _BLOCK
     if count < 4:

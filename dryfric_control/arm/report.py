@@ -40,10 +40,10 @@ _TEMPLATES = jinja2.Environment(
 def write_page(found: ArmDiagnoses, path: str | os.PathLike[str]) -> Path:
     """Write the page on an arm, which stands alone."""
     target = file_path("path", path)
-    pictures = {joint: picture(found, joint) for joint in found}
+    pictures = {joint: joint_figure(found, joint) for joint in found}
     shown = [
         Markup(table(part, as_html=True)) if isinstance(part, list) else part
-        for part in found._shown()
+        for part in found._summary_parts()
     ]
     page = _TEMPLATES.get_template("page.html")
     text = page.render(shown=shown, found=found, pictures=pictures, version=__version__)
@@ -51,7 +51,7 @@ def write_page(found: ArmDiagnoses, path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def picture(found: ArmDiagnoses, joint: str) -> str:
+def joint_figure(found: ArmDiagnoses, joint: str) -> str:
     """Friction over velocity, and torque over time, of a joint, as a PNG in base64."""
     from matplotlib.figure import Figure
 
@@ -77,13 +77,13 @@ def draw_joint(found: ArmDiagnoses, joint: str, left: Any, right: Any) -> None:
     draw_curve(plain, left, fast, span, "with the causes", color="k", lw=1.2)
     labelled(left, f"velocity [{length}/s]", f"friction [{force}]")
     right.plot(sliding.t, sliding.u, ".", color=MEASURED, ms=2, label="measured")
-    right.plot(*_needed(*nominal), "C0--", lw=0.8, label="needed by the model")
-    right.plot(*_needed(axis, record), "k-", lw=0.8, label="with the causes")
+    right.plot(*_required_drive(*nominal), "C0--", lw=0.8, label="needed by the model")
+    right.plot(*_required_drive(axis, record), "k-", lw=0.8, label="with the causes")
     labelled(right, "Time [s]", f"drive [{force}]")
     legend_above(right)
 
 
-def _needed(axis: FrictionAxis, record: Record) -> tuple[np.ndarray, np.ndarray]:
+def _required_drive(axis: FrictionAxis, record: Record) -> tuple[np.ndarray, np.ndarray]:
     """Times, and drive that an axis needs for the motion of a record while it slides."""
     one = Sliding(record, _SHOWN)
     drive = one.u + one.force_residual(axis) / one.answer_to_drive(axis)

@@ -122,14 +122,14 @@ class RigidArm:
         gravity: ArrayLike | None = None,
         payload: Mapping[str, Any] | None = None,
     ) -> None:
-        opened = _opened(model)
+        opened = _load_model(model)
         #: Viscous coefficient and Coulomb level that the model states for each of its joints.
         self.friction = _stated_friction(opened)
-        self.model = _frictionless(opened)
+        self.model = _without_friction(opened)
         kinds = [_KINDS[int(kind)] for kind in self.model.jnt_type]
         names = [self.model.joint(i).name for i in range(self.model.njnt)]
         _refuse_others(names, kinds)
-        self._followers = _followers(self.model, names)
+        self._followers = _find_followers(self.model, names)
         still = _held_joints(held, self.model, names)
         moved = {one.follower for one in self._followers} | still.keys()
         self._joints = [i for i in range(self.model.njnt) if i not in moved]
@@ -144,8 +144,8 @@ class RigidArm:
         if payload is not None and not isinstance(payload, Mapping):
             raise ValueError(f'payload must be a mapping such as {{"hand": 0.8}}, got {payload!r}')
         for body, load in (payload or {}).items():
-            add_payload(self.model, _body(self.model, body), _payload(body, load))
-        self._data = _mujoco().MjData(self.model)
+            add_payload(self.model, _body_index(self.model, body), _parse_payload(body, load))
+        self._data = _import_mujoco().MjData(self.model)
 
     def limits(self, joint: str) -> tuple[float, float]:
         """Lowest and highest position of a joint [rad or m], infinite without limits."""
@@ -157,10 +157,10 @@ class RigidArm:
 
     def forces(self, motion: Motion) -> tuple[Floats, Floats]:
         """Force of each joint along a motion, and inertia about it, each shape (n, njoints)."""
-        mujoco, n, count = _mujoco(), len(motion.q), len(self.joints)
+        mujoco, n, count = _import_mujoco(), len(motion.q), len(self.joints)
         force, inertia = np.empty((n, count)), np.empty((n, count))
         answer = np.empty(self.model.nv)
-        for k, ways in self._along(motion):
+        for k, ways in self._set_positions(motion):
             mujoco.mj_inverse(self.model, self._data)
             force[k] = ways @ self._data.qfrc_inverse
             for j in range(count):
@@ -168,15 +168,15 @@ class RigidArm:
                 inertia[k, j] = ways[j] @ answer
         return force, inertia
 
-    def regressor(self, motion: Motion, links: Sequence[Link]) -> Floats:
+    def regression_matrix(self, motion: Motion, links: Sequence[Link]) -> Floats:
         """Forces of the joints per inertial parameter, shape (n, njoints, nlinks, 10)."""
-        mujoco, n, model, data = _mujoco(), len(motion.q), self.model, self._data
+        mujoco, n, model, data = _import_mujoco(), len(motion.q), self.model, self._data
         kind, bodies = mujoco.mjtObj.mjOBJ_XBODY, [link.bodies[0] for link in links]
         # Of each link, in its own frame: velocity, acceleration less gravity, and Jacobian.
         velocity, acceleration = np.empty((2, n, len(links), 6))
         jacobian = np.empty((n, len(links), 2, 3, model.nv))
         turns, ways = np.empty((n, len(links), 9)), np.empty((n, len(self.joints), model.nv))
-        for k, now in self._along(motion):
+        for k, now in self._set_positions(motion):
             ways[k] = now
             mujoco.mj_inverse(model, data)
             mujoco.mj_rnePostConstraint(model, data)
@@ -187,7 +187,7 @@ class RigidArm:
                 mujoco.mj_jacBody(model, data, *jacobian[k, i], body)
         turn = turns.reshape(n, len(links), 3, 3)
         lever = np.einsum("njd,nlsad,nlab->njlsb", ways, jacobian, turn, optimize=True)
-        wrench = _wrenches(velocity[..., :3], acceleration)
+        wrench = _wrench_regressor(velocity[..., :3], acceleration)
         return np.einsum("njlsb,nlsbp->njlp", lever, wrench, optimize=True)
 
     def links(self) -> list[Link]:
@@ -198,12 +198,12 @@ class RigidArm:
             if first:
                 members.setdefault(first, []).append(body)
         parents = {int(model.body_weldid[model.body_parentid[first]]) for first in members}
-        data = _mujoco().MjData(model)
-        _mujoco().mj_kinematics(model, data)
+        data = _import_mujoco().MjData(model)
+        _import_mujoco().mj_kinematics(model, data)
         return [
             Link(
                 model.body(first).name or f"body {first}", tuple(bodies),
-                np.sum([_inertial(model, data, b, first) for b in bodies], axis=0),
+                np.sum([_inertial_parameters(model, data, b, first) for b in bodies], axis=0),
                 first not in parents,
             )
             for first, bodies in members.items()
@@ -213,21 +213,21 @@ class RigidArm:
         """The arm with some errors of its model corrected."""
         other = copy.copy(self)
         other.model = copy.copy(self.model)
-        other._data = _mujoco().MjData(other.model)
+        other._data = _import_mujoco().MjData(other.model)
         links = {link.name: link for link in self.links()}
         for error in errors:
-            other._change(links[error.link], error)
+            other._change_link(links[error.link], error)
         return other
 
-    def _change(self, link: Link, error: Change) -> None:
+    def _change_link(self, link: Link, error: Change) -> None:
         """Scale the mass of a link, shift its centre of mass, or add a payload to it."""
         model, first, kind, value = self.model, link.bodies[0], error.kind, error.value
         if kind == "payload":
             second = _symmetric(error.moments)
             add_payload(model, first, Payload(value, np.array(error.place), second))
             return
-        data = _mujoco().MjData(model)
-        _mujoco().mj_kinematics(model, data)
+        data = _import_mujoco().MjData(model)
+        _import_mujoco().mj_kinematics(model, data)
         for body in link.bodies:
             if kind == "mass":
                 model.body_mass[body] *= value
@@ -235,9 +235,9 @@ class RigidArm:
             else:
                 own, frame = (data.xmat[one].reshape(3, 3) for one in (body, first))
                 model.body_ipos[body] += own.T @ frame @ np.array(error.place)
-        _mujoco().mj_setConst(model, data)
+        _import_mujoco().mj_setConst(model, data)
 
-    def _along(self, motion: Motion) -> Iterator[tuple[int, Floats]]:
+    def _set_positions(self, motion: Motion) -> Iterator[tuple[int, Floats]]:
         """Put the model to each sample; the ways of all degrees of freedom per joint, (nj, nv)."""
         model, data = self.model, self._data
         places, dofs = (one[self._joints] for one in (model.jnt_qposadr, model.jnt_dofadr))
@@ -250,10 +250,10 @@ class RigidArm:
             data.qpos[places] = motion.q[k]
             data.qvel[dofs], data.qacc[dofs] = motion.v[k], motion.a[k]
             for one in self._followers:
-                self._follow(one, ways)
+                self._move_follower(one, ways)
             yield k, ways
 
-    def _follow(self, one: Follower, ways: Floats) -> None:
+    def _move_follower(self, one: Follower, ways: Floats) -> None:
         """Move a joint along with its leader."""
         model, data = self.model, self._data
         numbers = (one.follower, one.leader)
@@ -267,7 +267,7 @@ class RigidArm:
         ways[:, dofs[0]] = slope * ways[:, dofs[1]]
 
 
-def _mujoco() -> Any:
+def _import_mujoco() -> Any:
     """The engine, imported when it is needed."""
     try:
         import mujoco
@@ -279,20 +279,20 @@ def _mujoco() -> Any:
     return mujoco
 
 
-def _opened(model: Any) -> Any:
+def _load_model(model: Any) -> Any:
     """A compiled model of its own."""
     if isinstance(model, (str, os.PathLike)):
-        return _compiled(existing_file(model))
-    if isinstance(model, _mujoco().MjModel):
+        return _compile_file(existing_file(model))
+    if isinstance(model, _import_mujoco().MjModel):
         return copy.copy(model)
     raise ValueError(
         f"model must be the path of an MJCF or URDF file, or a mujoco.MjModel, got {model!r}"
     )
 
 
-def _frictionless(model: Any) -> Any:
+def _without_friction(model: Any) -> Any:
     """The model without friction, limits and contacts."""
-    model.opt.disableflags |= int(_mujoco().mjtDisableBit.mjDSBL_CONSTRAINT)
+    model.opt.disableflags |= int(_import_mujoco().mjtDisableBit.mjDSBL_CONSTRAINT)
     for part in ("dof", "tendon"):
         for name in ("frictionloss", "damping", "dampingpoly"):  # a polynomial since MuJoCo 3.5
             if hasattr(model, f"{part}_{name}"):
@@ -300,9 +300,9 @@ def _frictionless(model: Any) -> Any:
     return model
 
 
-def _compiled(path: Path) -> Any:
+def _compile_file(path: Path) -> Any:
     """The model of a file; meshes that are missing are not needed where inertias are given."""
-    mujoco = _mujoco()
+    mujoco = _import_mujoco()
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         spec.compiler.fusestatic = False  # keeps the names of links that do not move
@@ -347,9 +347,9 @@ def _refuse_others(names: Sequence[str], kinds: Sequence[str]) -> None:
             raise ValueError(f"joint {i} of the model ({kind}) has no name: give it the log's")
 
 
-def _followers(model: Any, names: Sequence[str]) -> list[Follower]:
+def _find_followers(model: Any, names: Sequence[str]) -> list[Follower]:
     """Joints that couplings of the model move; what closes a chain is refused."""
-    mujoco, found = _mujoco(), []
+    mujoco, found = _import_mujoco(), []
     for i in range(model.neq):
         if not bool(np.ravel(model.eq_active0)[i]):
             continue
@@ -396,7 +396,7 @@ def _held_joints(
     return found
 
 
-def _body(model: Any, name: str) -> int:
+def _body_index(model: Any, name: str) -> int:
     """Number of a body."""
     names = [model.body(i).name for i in range(model.nbody)]
     if name not in names:
@@ -412,7 +412,7 @@ def _place(name: str, values: ArrayLike) -> Floats:
     return array
 
 
-def _payload(body: str, given: Any) -> Payload:
+def _parse_payload(body: str, given: Any) -> Payload:
     """A payload as a user states it."""
     name = f"payload[{body!r}]"
     if isinstance(given, (int, float)):
@@ -424,16 +424,16 @@ def _payload(body: str, given: Any) -> Payload:
 
 def add_payload(model: Any, body: int, load: Payload) -> None:
     """Add a point mass to a body of a compiled model, which may be negative."""
-    mujoco = _mujoco()
+    mujoco = _import_mujoco()
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, model.body_iquat[body])
     axes = turn.reshape(3, 3)
     own, centre = float(model.body_mass[body]), np.array(model.body_ipos[body])
     total = own + load.mass
     new = (own * centre + load.mass * load.place) / total
-    second = axes @ np.diag(model.body_inertia[body]) @ axes.T + own * _about(centre)
-    second += load.mass * _about(load.place) if load.second is None else load.second
-    moments, axes = np.linalg.eigh(second - total * _about(new))
+    second = axes @ np.diag(model.body_inertia[body]) @ axes.T + own * _point_inertia(centre)
+    second += load.mass * _point_inertia(load.place) if load.second is None else load.second
+    moments, axes = np.linalg.eigh(second - total * _point_inertia(new))
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     mujoco.mju_mat2Quat(model.body_iquat[body], np.ascontiguousarray(axes).ravel())
     model.body_mass[body], model.body_ipos[body] = total, new
@@ -441,7 +441,7 @@ def add_payload(model: Any, body: int, load: Payload) -> None:
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-def _about(place: Floats) -> Floats:
+def _point_inertia(place: Floats) -> Floats:
     """Moments of inertia of 1 kg at a place, shape (3, 3)."""
     return np.asarray(place @ place * np.eye(3) - np.outer(place, place))
 
@@ -454,20 +454,20 @@ def _symmetric(moments: Sequence[float]) -> Floats:
     return found
 
 
-def _inertial(model: Any, data: Any, body: int, frame: int) -> Floats:
+def _inertial_parameters(model: Any, data: Any, body: int, frame: int) -> Floats:
     """Ten inertial parameters of a body about the origin of the frame of another one."""
     turn = data.xmat[frame].reshape(3, 3).T
     centre = turn @ (data.xipos[body] - data.xpos[frame])
     axes = np.empty(9)
-    _mujoco().mju_quat2Mat(axes, model.body_iquat[body])
+    _import_mujoco().mju_quat2Mat(axes, model.body_iquat[body])
     own = turn @ data.xmat[body].reshape(3, 3) @ axes.reshape(3, 3)
     mass = float(model.body_mass[body])
     second = own @ np.diag(model.body_inertia[body]) @ own.T
-    second += mass * _about(centre)
+    second += mass * _point_inertia(centre)
     return np.array([mass, *(mass * centre), *(second[i, j] for i, j in _SECOND)])
 
 
-def _wrenches(turning: Floats, acceleration: Floats) -> Floats:
+def _wrench_regressor(turning: Floats, acceleration: Floats) -> Floats:
     """Force and moment per inertial parameter, in the frame of the link, shape (..., 2, 3, 10).
 
     ::
@@ -476,11 +476,11 @@ def _wrenches(turning: Floats, acceleration: Floats) -> Floats:
         moment  h x a + I spin + w x I w,        h the first moments, I the second ones
     """
     spin, push = acceleration[..., :3], acceleration[..., 3:]
-    rate, change = _cross(turning), _cross(spin)
+    rate, change = _cross_matrix(turning), _cross_matrix(spin)
     found = np.zeros((*turning.shape[:-1], 2, 3, N_INERTIAL))
     found[..., 0, :, 0] = push
     found[..., 0, :, 1:4] = change + rate @ rate
-    found[..., 1, :, 1:4] = -_cross(push)
+    found[..., 1, :, 1:4] = -_cross_matrix(push)
     for column, (i, j) in enumerate(_SECOND, start=4):
         unit = np.zeros((3, 3))
         unit[i, j] = unit[j, i] = 1.0
@@ -489,7 +489,7 @@ def _wrenches(turning: Floats, acceleration: Floats) -> Floats:
     return found
 
 
-def _cross(a: Floats) -> Floats:
+def _cross_matrix(a: Floats) -> Floats:
     """Matrix of the product with a vector from the left, shape (..., 3, 3)."""
     x, y, z, zero = a[..., 0], a[..., 1], a[..., 2], np.zeros(a.shape[:-1])
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]

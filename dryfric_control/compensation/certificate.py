@@ -131,7 +131,7 @@ class TrackingCertificate(Result):
         """Whether every condition of rest without hunting holds."""
         return all(condition.holds for condition in self.conditions)
 
-    def _shown(self) -> Iterator[str]:
+    def _summary_parts(self) -> Iterator[str]:
         length, force = self.units
         covered = f"for {100 * self.mismatch:g} % of mismatch{', slow references' * self.slow}"
         if self.reasons:

@@ -177,16 +177,16 @@ class Compensation(Saved, Result):
             )
         return proof.certify_tracking(self, mu, known, peak, reference)
 
-    def _kept(self) -> Promise:
-        observer = self.observer and self.observer._kept()
+    def _to_saved(self) -> Promise:
+        observer = self.observer and self.observer._to_saved()
         bare = replace(self, certificate=None, observer=observer)  # type: ignore[arg-type]
         return Promise(bare, self.numbers, self.certificate.tube)
 
     @classmethod
-    def _opened(cls, held: Promise) -> Compensation:
+    def _from_saved(cls, held: Promise) -> Compensation:
         return _design_of_file(held)
 
-    def _shown(self) -> Iterator[str]:
+    def _summary_parts(self) -> Iterator[str]:
         length, force = self.axis.units
         yield (
             f"Friction compensation of {self.axis.name}, law {self.law!r}, dt = {self.dt:g} s, "
@@ -215,7 +215,7 @@ class Compensation(Saved, Result):
                 )
         effects = ", ".join(effect.slug for effect in self.rigid_axis.effects) or "none"
         yield f"other effects fed forward: {effects}"
-        yield from self.certificate._shown()
+        yield from self.certificate._summary_parts()
 
     def _without_filter(self) -> Compensation | None:
         """The design without a bound on the noise in the drive, if that makes a difference."""

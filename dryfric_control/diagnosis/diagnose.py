@@ -54,7 +54,7 @@ from dryfric_control.model.effects.naming import title_of
 from dryfric_control.progress import ProgressLine
 from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.read import RecordLike
-from dryfric_control.records.record import Record, told
+from dryfric_control.records.record import Record, counts_text
 from dryfric_control.store.batch import fingerprint, raise_failures, run_batch
 from dryfric_control.text import length_text, percent, see
 from dryfric_control.units import check_units
@@ -639,7 +639,7 @@ def _left_out(records: Sequence[Record]) -> list[str]:
     for i, record in enumerate(records):
         if record.masked.reasons:
             which = f" of record {i + 1}" if len(records) > 1 else ""
-            kinds = told({kind: record.bad[kind] for kind in REASONS})
+            kinds = counts_text({kind: record.bad[kind] for kind in REASONS})
             found.append(f"readings{which} left out: {kinds} (d.masked lists them)")
     return found
 

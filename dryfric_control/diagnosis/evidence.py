@@ -15,7 +15,7 @@ from scipy.stats import hypergeom
 from dryfric_control.estimation.force_residual import Residual, at_the_mass
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.records.motion import directions, latest, reversals
+from dryfric_control.records.motion import directions, last_index_so_far, reversals
 from dryfric_control.records.record import Record
 from dryfric_control.ties import ranked
 
@@ -231,7 +231,7 @@ def blind(axis: FrictionAxis, record: Record) -> BoolArray:
             motor = (1.0 - share) * axis.mass * record.derivatives().a
             turns |= np.diff(np.sign(record.u - motor), prepend=0.0) != 0.0
         turns[0] = True
-        last = latest(turns, 0)
+        last = last_index_so_far(turns, 0)
         hidden |= np.abs(record.x - record.x[last]) < way
         hidden |= (index - last) * record.dt < time
     return hidden
@@ -260,7 +260,7 @@ def since_reversal(record: Record) -> FloatArray:
     >>> bool(np.isnan(since[100])), round(float(since[1500]), 1)
     (True, 1.0)
     """
-    last = latest(reversals(record), -1)
+    last = last_index_so_far(reversals(record), -1)
     return np.where(last < 0, np.nan, (np.arange(len(record)) - last) * record.dt)
 
 

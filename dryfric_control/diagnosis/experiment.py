@@ -19,7 +19,7 @@ from dryfric_control.drawing import DASHES, legend_above, over_time, panels
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of, titles_of
 from dryfric_control.records.record import Record
-from dryfric_control.store.files import file_path, replacing
+from dryfric_control.store.files import file_path, replace_file
 from dryfric_control.text import Result, documented, rotary_words, stated
 from dryfric_control.ties import above, ranked
 from dryfric_control.units import check_units
@@ -80,7 +80,7 @@ class Experiment(Result):
     units: tuple[str, str] = stated("Units of position and force.")
     _told = (*"name title description t reference force separates score tried cause".split(),)
 
-    def _shown(self) -> list[str]:
+    def _summary_parts(self) -> list[str]:
         return [self.summary()]
 
     def summary(self) -> str:
@@ -117,7 +117,7 @@ class Experiment(Result):
         columns = {"t": self.t, "reference": self.reference}
         columns |= {} if self.force is None else {"force": self.force}
         table, head = np.column_stack([*columns.values()]), ",".join(columns)
-        with replacing(path) as part:
+        with replace_file(path) as part:
             np.savetxt(part, table, fmt="%.9g", delimiter=",", header=head, comments="")
 
     @panels(2)

@@ -89,7 +89,7 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
             found[name] = (float(value), d.standard_errors.get(name), unit)
         return found
 
-    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+    def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         head = ("joint", "verdict", "causes", "free runs", *BASE, "further parameters")
         rows: list[tuple[str, ...]] = [head]
         for joint, d in self.diagnoses.items():

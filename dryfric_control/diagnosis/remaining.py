@@ -60,7 +60,7 @@ class Remaining(Result):
         name = rotary_words("random force left", self.unit)
         return f"{name}: {self.rms:.3g} {self.unit} RMS per sample, {kind}"
 
-    def _shown(self) -> list[str]:
+    def _summary_parts(self) -> list[str]:
         return [self.headline, *self.where]
 
 

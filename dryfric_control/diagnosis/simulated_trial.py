@@ -19,7 +19,7 @@ from dryfric_control.estimation.parameters import Parameter, values_of
 from dryfric_control.estimation.windows import cut, positions
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
-from dryfric_control.records.motion import latest
+from dryfric_control.records.motion import last_index_so_far
 from dryfric_control.records.record import Record
 from dryfric_control.ties import NEAR, above, samples
 
@@ -116,7 +116,9 @@ def simulate(
     )
     count = x.size // length
     starts = length * np.arange(count)
-    rest = (dt * (np.arange(x.size) - latest(mode != 0.0, -1) - 1))[starts] * (mode[starts] == 0.0)
+    rest = (dt * (np.arange(x.size) - last_index_so_far(mode != 0.0, -1) - 1))[starts] * (
+        mode[starts] == 0.0
+    )
     windowed = _windowed(u, dt, length, x[starts], v[starts], rest)
     truth = x[: count * length].reshape(count, length)
     return Trial(windowed, np.ones(count, bool), truth, x, v, u)

@@ -95,7 +95,7 @@ class ForceMap(Result):
 
     _told = ("rms", "drive_rms", "share_sliding", "width", "curves", "units")
 
-    def _shown(self) -> list[str]:
+    def _summary_parts(self) -> list[str]:
         force = self.units[1]
         return [
             f"force missing in the model: {self.rms:.3g} {force} RMS, "

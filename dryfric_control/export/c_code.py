@@ -32,7 +32,7 @@ from dryfric_control.export.translate import (
     Function,
     Translator,
 )
-from dryfric_control.store.files import existing_folder, named, replacing
+from dryfric_control.store.files import existing_folder, name_disk_errors, replace_file
 from dryfric_control.store.saved import write_document
 from dryfric_control.text import WIDTH
 
@@ -121,9 +121,9 @@ def export_c(
     for path in texts:
         if path.is_dir():
             raise ValueError(f"{str(path)!r} is a folder, and a file of that name is written")
-    with named(f"folder {str(folder)!r}"), ExitStack() as stack:
+    with name_disk_errors(f"folder {str(folder)!r}"), ExitStack() as stack:
         for path, text in texts.items():
-            part = stack.enter_context(replacing(path))
+            part = stack.enter_context(replace_file(path))
             if text is None:
                 write_document(part, "export", code.numbers())
             else:

@@ -26,7 +26,7 @@ from dryfric_control.compiled import axis_step
 from dryfric_control.export.c_code import Code, source_text
 from dryfric_control.export.objects import Exported, Signal, export_object
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.store.files import file_path, named, write_file
+from dryfric_control.store.files import file_path, name_disk_errors, write_file
 from dryfric_control.units import powers
 
 VERSIONS = ("3.0", "2.0")
@@ -127,7 +127,7 @@ def export_fmu(
         raise ValueError(f"path {str(path)!r} is in no folder that there is: make it first")
     model = Model(made, version)
     content = model.archive_bytes()
-    with named(f"path {str(path)!r}"):
+    with name_disk_errors(f"path {str(path)!r}"):
         write_file(target, content)
     return target
 

@@ -77,7 +77,7 @@ class CoulombIdentification(Result, CoulombMap):
         """Axis with these levels over this travel."""
         return axis.replace(coulomb=self.coulomb, travel=self.travel)
 
-    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+    def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         length, force = self.units
         rows: list[tuple[str, ...]] = [("direction", "degree", "level", "std. error")]
         places = np.linspace(*self.travel, 101)

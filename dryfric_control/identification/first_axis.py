@@ -71,7 +71,7 @@ class ForceRegression(Result):
         ]
         return formatted(("parameter", "value"), rows, form)
 
-    def _shown(self) -> Iterator[str | list[list[str]]]:
+    def _summary_parts(self) -> Iterator[str | list[list[str]]]:
         lines = [line.strip("| ").split(" | ") for line in self.table().splitlines()]
         yield [lines[0], *lines[2:]]
         force, length = self.axis.units[1], self.axis.units[0]

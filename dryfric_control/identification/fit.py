@@ -217,7 +217,7 @@ class Fit(Saved, Result):
         shift = self.parameters.get("input_shift", 0.0)
         return replay(self.axis, record, window, self.training[0].windows.hold, shift=shift)
 
-    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+    def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         ends = self.interval(0.9)
         rows: list[tuple[str, ...]] = [("parameter", "value", "std. error", "90 % interval")]
         for name, value in self.parameters.items():
@@ -228,7 +228,7 @@ class Fit(Saved, Result):
         length, force = self.axis.units
         noises = self.random_force, self.reading_noise
         for run, pushed, noise in zip(self.training, *noises, strict=True):
-            yield from run._shown()
+            yield from run._summary_parts()
             random = f"{pushed:.3g} {force} RMS" if pushed else "none"
             unit = f"{length}/s" if run.windows.record.integrated else length
             yield f"noise of the readings: {length_text(noise, unit)} RMS; random force: {random}"

@@ -51,7 +51,7 @@ class Replay(Result):
         """Mean over the windows of log(1 + (RMS error/quantum)^2)."""
         return float(np.mean(np.log1p((self.rms_by_window / self.quantum) ** 2)))
 
-    def _shown(self) -> list[str]:
+    def _summary_parts(self) -> list[str]:
         record, windows = self.windows.record, self.windows
         errors = self.rms, self.median, float(self.rms_by_window.max())
         rms, median, most = (length_text(one, self.axis.units[0]) for one in errors)
@@ -171,7 +171,7 @@ class LoopReplay(Result):
         """RMS error of the drive force relative to its RMS."""
         return self.force_rms / _rms(self.record.u)
 
-    def _shown(self) -> list[str]:
+    def _summary_parts(self) -> list[str]:
         worst = float(np.max(np.abs(self.response.y[0] - self.record.x)))
         rms, most = (length_text(one, self.units[0]) for one in (self.position_rms, worst))
         return [

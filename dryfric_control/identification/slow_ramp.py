@@ -18,7 +18,7 @@ from dryfric_control.model.responses import SimulationResponse
 from dryfric_control.records.readers.channels import MAX_ROWS
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_checks import MIN_SAMPLES
-from dryfric_control.store.files import replacing
+from dryfric_control.store.files import replace_file
 from dryfric_control.text import Result
 
 # Stribeck velocities beyond which the excess is gone.
@@ -45,10 +45,10 @@ class SlowRamp(Result):
         """Write time and reference to a CSV file for a real bench."""
         head = f"t [s],reference [{self.axis.units[0]}]"
         columns = np.column_stack((self.record.t, self.reference))
-        with replacing(path) as part:
+        with replace_file(path) as part:
             np.savetxt(part, columns, fmt="%.9g", delimiter=",", header=head, comments="")
 
-    def _shown(self) -> list[str]:
+    def _summary_parts(self) -> list[str]:
         found, length = self.to_dict(), self.axis.units[0]
         speed = float(np.max(np.abs(np.diff(self.reference)))) / self.record.dt
         return [

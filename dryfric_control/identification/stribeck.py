@@ -93,8 +93,8 @@ class StribeckIdentification(Result):
         assert self.axis.stribeck is not None
         return self.axis.stribeck
 
-    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
-        yield from self.fit._shown()
+    def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
+        yield from self.fit._summary_parts()
         length, force = self.axis.units
         for name, one in (("measured", self.measured), ("replayed", self.replayed)):
             if one is not None:

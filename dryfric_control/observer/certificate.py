@@ -94,7 +94,7 @@ class Certificate(Result):
         """Relative distance from the limit of any observer."""
         return self.gamma / self.limit - 1.0 if self.limit else float("inf")
 
-    def _shown(self) -> Iterator[str]:
+    def _summary_parts(self) -> Iterator[str]:
         radii = (f"mode {signed(m)}: {r:.5f}" for m, r in self.spectral_radius.items())
         yield (
             f"gain  {self.lower_bound:.6g} <= true gain <= {self.gamma:.6g} "

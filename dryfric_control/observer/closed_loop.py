@@ -152,7 +152,7 @@ class ObservedLoop(Result):
         """Time of each switch of the plant and the observer's delay [s]."""
         return switch_delays(self.plant.y[3], self.estimate.y[4], self.design.dt)
 
-    def _shown(self) -> Iterator[str]:
+    def _summary_parts(self) -> Iterator[str]:
         yield from self.score.summary(self.axis.units[0]).splitlines()
         _, delay = self.delays
         seen = delay[np.isfinite(delay)] * 1e3

@@ -294,15 +294,15 @@ class ObserverDesign(Observer, Result):
         unit = 1.0 / self.output_scale
         return certificate_of(problem, self.classes, gains, gamma, *proofs, unit)
 
-    def _kept(self) -> ObserverDesign:
+    def _to_saved(self) -> ObserverDesign:
         # Its certificate is computed anew by who reads it.
         return replace(self, certificate=None)  # type: ignore[arg-type]
 
     @classmethod
-    def _opened(cls, held: Any) -> ObserverDesign:
-        return verified_design(super()._opened(held))
+    def _from_saved(cls, held: Any) -> ObserverDesign:
+        return verified_design(super()._from_saved(held))
 
-    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+    def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         u = self.uncertainty
         length, force = self.axis.units
         yield (
@@ -335,7 +335,7 @@ class ObserverDesign(Observer, Result):
                 )
             )
         yield rows
-        yield from self.certificate._shown()
+        yield from self.certificate._summary_parts()
 
 
 _WORDS = {

@@ -200,9 +200,9 @@ class ExtendedStateObserver(Observer):
         return np.zeros(LINE + history)
 
     @classmethod
-    def _opened(cls, held: Any) -> ExtendedStateObserver:
+    def _from_saved(cls, held: Any) -> ExtendedStateObserver:
         # What a file holds passes the checks of `extended_state_observer`.
-        found = super()._opened(held)
+        found = super()._from_saved(held)
         return extended_state_observer(
             found.axis,
             found.dt,

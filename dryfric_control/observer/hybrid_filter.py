@@ -157,9 +157,9 @@ class HybridFilter(Observer):
         return ((XHAT, 1.0), (first + kernel.READING, 1.0), *cells)
 
     @classmethod
-    def _opened(cls, held: Any) -> HybridFilter:
+    def _from_saved(cls, held: Any) -> HybridFilter:
         # What a file holds passes the checks of `hybrid_filter`.
-        found = super()._opened(held)
+        found = super()._from_saved(held)
         given = {name: getattr(found, name) for name in _ASSUMPTIONS}
         return hybrid_filter(found.axis, found.dt, found.encoder_quantum, **given)
 

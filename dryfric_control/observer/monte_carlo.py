@@ -121,7 +121,7 @@ class MonteCarlo(Result):
         """Quantiles of each figure's magnitude, shape (nlevels, 5), by estimator."""
         return {name: np.quantile(np.abs(one), levels, 0) for name, one in self.scores.items()}
 
-    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+    def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         yield f"{len(self.mismatches)} random mismatches: median / 95 % / largest"
         heads = "velocity [%]", "friction [%]", "bias [%]", "mode [%]"
         rows: list[tuple[str, ...]] = [("", f"position [{self.unit}]", *heads)]

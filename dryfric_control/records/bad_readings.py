@@ -63,7 +63,7 @@ class Masked(NamedTuple):
     reasons: tuple[str, ...]  # "jump", "repeated", "filled" or "given", one each
     readings: Floats  # as recorded [unit of x]
 
-    def within(self, part: slice) -> Masked:
+    def in_slice(self, part: slice) -> Masked:
         """Those of a slice with a positive step, counted from its start."""
         step = part.step or 1
         inside = (self.indices >= part.start) & (self.indices < part.stop)
@@ -117,12 +117,12 @@ NONE = Masked(np.empty(0, np.int64), (), np.empty(0))
 
 def find(x: Floats, noise: float, quantum: float) -> dict[int, str]:
     """Bad readings of uniformly sampled positions with noise and quantum: sample to reason."""
-    found = dict.fromkeys(absurd(x), JUMP)
-    path = bridged(x, without(x.size, found)) if found else x
+    found = dict.fromkeys(fault_codes(x), JUMP)
+    path = interpolate_bad(x, mask_without(x.size, found)) if found else x
     noise = max(noise, ROUNDING * float(np.ptp(path)))
     for _ in range(_PASSES):
         # Readings that were found to be bad are no neighbours for the next ones.
-        good = np.flatnonzero(without(x.size, found))
+        good = np.flatnonzero(mask_without(x.size, found))
         new = dict.fromkeys(_jumps(good, x[good], noise, quantum), JUMP)
         new |= dict.fromkeys(_repeats(path, noise, quantum), REPEATED)
         new = {k: why for k, why in new.items() if k not in found}
@@ -131,11 +131,11 @@ def find(x: Floats, noise: float, quantum: float) -> dict[int, str]:
         found |= new
         if len(found) > _MOST * x.size:
             return {}
-        path = bridged(x, without(x.size, found))
+        path = interpolate_bad(x, mask_without(x.size, found))
     return dict(sorted(found.items()))
 
 
-def absurd(x: Floats) -> list[int]:
+def fault_codes(x: Floats) -> list[int]:
     """Short runs of readings far beyond all others: a code for a fault, or bits that were lost."""
     away = np.abs(x - np.median(x))
     most = np.sort(away)[int((1.0 - _MOST) * x.size) :]
@@ -147,14 +147,14 @@ def absurd(x: Floats) -> list[int]:
     return [k for a, b in edges.reshape(-1, 2).tolist() if b - a <= _LONGEST for k in range(a, b)]
 
 
-def without(size: int, indices: dict[int, str] | Ints) -> Bools:
+def mask_without(size: int, indices: dict[int, str] | Ints) -> Bools:
     """True but at some samples, shape (size,)."""
     good = np.ones(size, bool)
     good[np.fromiter(indices, np.int64, len(indices))] = False
     return good
 
 
-def bridged(x: Floats, good: Bools) -> Floats:
+def interpolate_bad(x: Floats, good: Bools) -> Floats:
     """Positions with a smooth, monotone path over those that are not good."""
     index = np.arange(x.size)
     path = x.copy()
@@ -226,7 +226,7 @@ def held_for(x: Floats, quantum: float) -> tuple[int, int]:
     return count, int(np.bincount(changes % count).argmax())
 
 
-def evened(t: Floats, x: Floats, noise: float) -> Floats | None:
+def uniform_stamps(t: Floats, x: Floats, noise: float) -> Floats | None:
     """Stamps on a uniform clock, if the readings were taken on one; None if not."""
     # A logger may stamp late what was sampled on time: about lines between their neighbours
     # the readings then scatter less on the clock than on the stamps.
@@ -249,16 +249,16 @@ def evened(t: Floats, x: Floats, noise: float) -> Floats | None:
     fast = np.abs(c - a) * size / dt > 4.0 * noise
     if np.count_nonzero(fast) < _NEAR or np.median(clock[fast]) > 0.7 * np.median(stamps[fast]):
         return None
-    return np.asarray(t[0] + roundest(dt, 4.0 * size * np.sqrt(12.0) / n[-1] ** 1.5) * n)
+    return np.asarray(t[0] + round_within(dt, 4.0 * size * np.sqrt(12.0) / n[-1] ** 1.5) * n)
 
 
-def roundest(number: float, tolerance: float) -> float:
+def round_within(number: float, tolerance: float) -> float:
     """The number with the fewest digits within a tolerance of one."""
     rounded = (float(f"{number:.{digits}g}") for digits in range(1, 10))
     return next((one for one in rounded if abs(one - number) <= tolerance), number)
 
 
-def filled(t: Floats, grid: Floats, x: Floats, step: float) -> Masked:
+def mask_filled(t: Floats, grid: Floats, x: Floats, step: float) -> Masked:
     """Readings on a grid that have no stamp near."""
     after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
     away = np.minimum(np.abs(grid - t[after - 1]), np.abs(t[after] - grid))

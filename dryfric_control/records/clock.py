@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dryfric_control.arrays import Floats
-from dryfric_control.records.bad_readings import roundest
+from dryfric_control.records.bad_readings import round_within
 
 
 class Epoch(NamedTuple):
@@ -79,11 +79,11 @@ def even_clock(t: Floats) -> EvenClock | None:
     rate, off = _line(numbers, t)
     if off > limit and rate > 2.0 * rounding:
         # Steps longer than twice the rounding count the samples that are not there.
-        numbers = _counted(t, steps)
+        numbers = _sample_numbers(t, steps)
         rate, off = _line(numbers, t)
     if off > limit:
         return None
-    dt = roundest(rate, 4.0 * rounding / numbers[-1])
+    dt = round_within(rate, 4.0 * rounding / numbers[-1])
     lost = round(float(numbers[-1])) + 1 - t.size
     kind = "in single precision" if single else "rounded"
     note = (
@@ -127,7 +127,7 @@ def _line(numbers: Floats, t: Floats) -> tuple[float, float]:
     return rate, float(0.5 * np.ptp(off))
 
 
-def _counted(t: Floats, steps: Floats) -> Floats:
+def _sample_numbers(t: Floats, steps: Floats) -> Floats:
     """Sample numbers of stamps of which some are missing: steps in units of the usual one."""
     usual = float(np.median(steps))
     for _ in range(3):

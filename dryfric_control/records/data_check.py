@@ -9,7 +9,7 @@ import numpy as np
 
 from dryfric_control.records.bad_readings import FILLED, REASONS, held_for
 from dryfric_control.records.motion import ONE_VELOCITY, Record, directions, reversals, usual_speeds
-from dryfric_control.records.staircase import staircase
+from dryfric_control.records.staircase import find_staircase
 from dryfric_control.text import Result, documented, length_text, stated
 
 # What a record must have.
@@ -101,7 +101,7 @@ class RecordCheck(Result):
         """Encoder steps of the travel; infinite without an encoder."""
         return self.travel / self.quantum if self.quantum else np.inf
 
-    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+    def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         yield self.headline
         slow, fast = self.velocity
         speed = f" {self.units[0]}/s" if self.units[0] else ""
@@ -212,7 +212,7 @@ def _messages(found: RecordCheck, record: Record) -> Iterator[str]:
         yield taken
     if found.units[0] in ("m", "") and (unit := speed_message(record)) is not None:
         yield unit
-    if (steps := staircase(record.u, record.input_quantum)) is not None:
+    if (steps := find_staircase(record.u, record.input_quantum)) is not None:
         age = steps.period * record.dt
         yield (
             f"the drive is a staircase: it changes every {1e3 * age:.4g} ms "

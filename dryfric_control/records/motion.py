@@ -60,11 +60,11 @@ def directions(record: Record) -> NDArray[np.int8]:
 
 def rest_times(record: Record) -> Floats:
     """Time for which the axis has been motionless at every sample [s], 0 while sliding."""
-    last = latest(directions(record) != 0, 0)
+    last = last_index_so_far(directions(record) != 0, 0)
     return np.asarray((np.arange(len(record)) - last) * record.dt)
 
 
-def latest(there: Bools, none: int) -> Ints:
+def last_index_so_far(there: Bools, none: int) -> Ints:
     """Index of the last sample so far at which something is there, `none` before the first."""
     index = np.where(there, np.arange(there.size), none)
     return np.asarray(np.maximum.accumulate(index), dtype=np.int64)
@@ -73,5 +73,5 @@ def latest(there: Bools, none: int) -> Ints:
 def reversals(record: Record) -> Bools:
     """Samples at which motion sets in the other way than before."""
     moving = directions(record).astype(int)
-    way = moving[latest(moving != 0, 0)]
+    way = moving[last_index_so_far(moving != 0, 0)]
     return np.asarray(way * np.concatenate((way[:1], way[:-1])) < 0)

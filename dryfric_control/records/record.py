@@ -31,7 +31,7 @@ from dryfric_control.records.readers.text_file import FORMAT, SIGNATURE
 from dryfric_control.records.record_warning import RecordWarning, warn
 from dryfric_control.records.refusal import RefusalError
 from dryfric_control.records.resolution import ROUNDING, Resolution
-from dryfric_control.store.files import file_path, replacing
+from dryfric_control.store.files import file_path, replace_file
 from dryfric_control.store.saved import Saved
 from dryfric_control.text import table
 from dryfric_control.ties import samples
@@ -172,10 +172,10 @@ class Record(Saved):
         dt = checks.uniform_step(found["t"])
         usable = usable_readings(good, found["x"].size)
         factor = stored.get("x", ("", 1.0))[1]
-        found = checks.unwrapped(found, unwrap, factor)
+        found = checks.unwrap_encoder(found, unwrap, factor)
         if unwrap is not None:
             notes += (f"x unwrapped with period {unwrap:g}",)
-        found["x"], masked, seen = repaired(found["x"], quantum, factor, usable)
+        found["x"], masked, seen = repair_positions(found["x"], quantum, factor, usable)
         checks.check_motion(found["u"], found["x"], seen or None)
         if quantum is not None and quantum > (span := np.ptp(found["x"])):
             raise ValueError(
@@ -190,7 +190,7 @@ class Record(Saved):
             k = int(masked.indices[0])
             warn(
                 f"of {len(self)} readings of x these are masked: "
-                f"{told(self.bad | {'clipped': 0})}; the first is x[{k}] = "
+                f"{counts_text(self.bad | {'clipped': 0})}; the first is x[{k}] = "
                 f"{masked.readings[0]:.6g} at t = {self.t[k]:.6g} s. record.masked lists them, "
                 "good=np.ones(len(x), bool) keeps all"
             )
@@ -210,16 +210,16 @@ class Record(Saved):
             own["reference"] = self.reference
         return own | dict(self.channels)
 
-    def _with(self, note: str = "", **changes: Any) -> Record:
+    def _derive(self, note: str = "", **changes: Any) -> Record:
         """A record made from this one; a part of it may well stand still."""
         kept = self.__getstate__() | changes
         return _made(kept | {"notes": kept["notes"] + (note,) * bool(note)})
 
-    def _at(self, pick: slice) -> dict[str, Any]:
+    def _at_samples(self, pick: slice) -> dict[str, Any]:
         """What is left of the channels and the mask at some samples."""
         # One after another in memory, as compiled functions want them.
         arrays = {name: np.ascontiguousarray(one[pick]) for name, one in self._arrays().items()}
-        return _channels_apart(arrays) | {"masked": self.masked.within(pick)}
+        return _channels_apart(arrays) | {"masked": self.masked.in_slice(pick)}
 
     def __getstate__(self) -> dict[str, Any]:
         """What a record holds, as plain values and arrays."""
@@ -286,7 +286,7 @@ class Record(Saved):
     @cached_property
     def good(self) -> Bools:
         """Readings that may be used, shape (n,)."""
-        good = bad_readings.without(len(self), self.masked.indices)
+        good = bad_readings.mask_without(len(self), self.masked.indices)
         good.setflags(write=False)
         return good
 
@@ -308,11 +308,11 @@ class Record(Saved):
         it was clipped on its way to the record, the force is not known.
         """
         counts = {reason: self.masked.reasons.count(reason) for reason in bad_readings.REASONS}
-        return counts | {"clipped": int(self._clipped.sum())}
+        return counts | {"clipped": int(self._input_clipped.sum())}
 
     @cached_property
-    def _clipped(self) -> Bools:
-        return checks.clipped(self.u, self.x)
+    def _input_clipped(self) -> Bools:
+        return checks.clipped_samples(self.u, self.x)
 
     @cached_property
     def resolution(self) -> Resolution:
@@ -363,7 +363,7 @@ class Record(Saved):
             shift = rng.uniform(0.0, quantum) if shift is None else shift
             x = quantum * np.round((x - shift) / quantum) + shift
         kept = {name: one for name, one in self.channels.items() if name == "load"}
-        return self._with("read anew", x=x, channels=kept, masked=NONE)
+        return self._derive("read anew", x=x, channels=kept, masked=NONE)
 
     def replace(self, u: npt.ArrayLike | None = None, x: npt.ArrayLike | None = None) -> Record:
         """The record with another input or other positions.
@@ -375,7 +375,7 @@ class Record(Saved):
         """
         given = {name: values for name, values in (("u", u), ("x", x)) if values is not None}
         new: dict[str, Any] = {name: self._one_each(name, one) for name, one in given.items()}
-        return self._with(**new)
+        return self._derive(**new)
 
     def _one_each(self, name: str, values: npt.ArrayLike) -> Floats:
         """Finite numbers, one for each sample."""
@@ -398,7 +398,7 @@ class Record(Saved):
                 f"the slice {start}:{stop} of a record of {len(self)} samples holds "
                 f"{max(0, stop - start)}, at least 2 are needed"
             )
-        return self._with(**self._at(slice(start, stop)))
+        return self._derive(**self._at_samples(slice(start, stop)))
 
     def window(self, t0: float | None = None, t1: float | None = None) -> Record:
         """The samples with t0 <= t < t1.
@@ -479,9 +479,9 @@ class Record(Saved):
         pick = slice(0, groups * factor, factor)
         held = {"u": self.u} | ({} if self.known_load is None else {"load": self.known_load})
         means = {k: one[: pick.stop].reshape(groups, -1).mean(axis=1) for k, one in held.items()}
-        parts = self._at(pick) | {"u": means.pop("u"), "dt": self.dt * factor}
+        parts = self._at_samples(pick) | {"u": means.pop("u"), "dt": self.dt * factor}
         parts["channels"] |= means
-        return self._with(f"decimated by {factor}", **parts)
+        return self._derive(f"decimated by {factor}", **parts)
 
     def commanded(self, gain: float | None = None) -> Record:
         """The record of a position servo, its drive a proportional law.
@@ -510,7 +510,7 @@ class Record(Saved):
             u *= positive("gain", gain)
             note = f"u is {float(gain):g} (reference - x)"
         others = tuple(one for one in self.notes if one != checks.NO_DRIVE)
-        return self._with(note, u=u, units=units, notes=others)
+        return self._derive(note, u=u, units=units, notes=others)
 
     def resampled(self, dt: float) -> Record:
         """The record at another step, as `from_irregular` does it.
@@ -523,8 +523,8 @@ class Record(Saved):
         dt = positive("dt", dt)
         new = checks.resample(self._arrays(), dt, "zero", "monotone")
         note = f"resampled from {self.dt:g} s to {dt:g} s"
-        masked = bad_readings.filled(self.t[self.good], new["t"], new["x"], dt)
-        return self._with(note, dt=dt, masked=masked, **_channels_apart(new))
+        masked = bad_readings.mask_filled(self.t[self.good], new["t"], new["x"], dt)
+        return self._derive(note, dt=dt, masked=masked, **_channels_apart(new))
 
     @classmethod
     def from_irregular(
@@ -591,11 +591,11 @@ class Record(Saved):
                 **checks.short_gap(steps),
             )
         factor = checks.checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
-        found = checks.unwrapped(found, options.pop("unwrap", None), factor)
+        found = checks.unwrap_encoder(found, options.pop("unwrap", None), factor)
         notes = [*checks.checked_notes(options.get("notes", ())), *made, *filter(None, [lacking])]
-        xv, masked, seen = repaired(found["x"], options.get("quantum"), factor, good)
+        xv, masked, seen = repair_positions(found["x"], options.get("quantum"), factor, good)
         checks.check_motion(found["u"], xv, seen or None)
-        even = bad_readings.evened(tv, xv, checks.spread_of(xv, seen))
+        even = bad_readings.uniform_stamps(tv, xv, checks.spread_of(xv, seen))
         if even is not None:
             late = float(np.ptp(tv - even))
             notes.append(f"stamps off by up to {late:.3g} s put back on a uniform clock")
@@ -605,10 +605,10 @@ class Record(Saved):
         )
         new = checks.resample(found | {"t": tv, "x": xv}, step, hold, interpolation)
         # Readings that were bad leave a gap as those that were lost do.
-        stamps = tv[bad_readings.without(tv.size, masked.indices)]
-        gaps = bad_readings.filled(stamps, new["t"], new["x"], step)
+        stamps = tv[bad_readings.mask_without(tv.size, masked.indices)]
+        gaps = bad_readings.mask_filled(stamps, new["t"], new["x"], step)
         lost = len(gaps.reasons)
-        usable = bad_readings.without(new["t"].size, gaps.indices)
+        usable = bad_readings.mask_without(new["t"].size, gaps.indices)
         options |= {"notes": notes, "good": usable, "quantum": seen, **_channels_apart(new)}
         record = cls(**options)
         if lost or even is not None or lacking:
@@ -616,7 +616,7 @@ class Record(Saved):
             before = f"{lacking} in the source; " if lacking else ""
             after = "; ".join(parts) or "none lost"
             warn(f"{before}of {len(record)} samples of the new record: {after}")
-        return record._with(masked=gaps)
+        return record._derive(masked=gaps)
 
     @classmethod
     def split_at_gaps(
@@ -662,7 +662,7 @@ class Record(Saved):
             )
         if lost := tv.size - sum(b - a for a, b in stretches):
             warn(f"{lost} samples in stretches of fewer than {checks.MIN_SAMPLES} were left out")
-        return tuple(whole[a:b]._with(dt=checks.uniform_step(tv[a:b])) for a, b in stretches)
+        return tuple(whole[a:b]._derive(dt=checks.uniform_step(tv[a:b])) for a, b in stretches)
 
     def derivatives(self, window: int | None = None) -> Derivatives:
         """Zero-phase position, velocity and acceleration.
@@ -786,7 +786,7 @@ class Record(Saved):
             )
         smooth = self.derivatives(window)
         expected = {"x2": smooth.x, "v": smooth.v, "a": smooth.a}[name]
-        return checks.compared(np.asarray(expected), self.channels[name], self.dt)
+        return checks.compare_channels(np.asarray(expected), self.channels[name], self.dt)
 
     @classmethod
     def from_frame(
@@ -858,7 +858,7 @@ class Record(Saved):
         if target.suffix.lower() != ".csv":
             raise ValueError(f"to_csv writes .csv files, got {target.name!r}")
         columns = self._columns()
-        with replacing(target) as part, part.open("w", encoding="utf-8", newline="\n") as file:
+        with replace_file(target) as part, part.open("w", encoding="utf-8", newline="\n") as file:
             file.write(f"{SIGNATURE} {FORMAT} {json.dumps(self._meta())}\n")
             file.write(",".join(columns) + "\n")
             for a in range(0, len(self), 65_536):
@@ -900,7 +900,7 @@ class Record(Saved):
             ("factors", factors(self.raw)),
             ("quantum", f"{self.quantum:.6g}{unit_x}" if self.quantum else "none seen"),
             ("noise", f"{self.noise:.3g}{unit_x}"),
-            ("bad samples", told(self.bad)),
+            ("bad samples", counts_text(self.bad)),
             *(("note", n) for n in self.notes),
         ]
         return [(what, words) for what, words in rows if words]
@@ -969,7 +969,7 @@ class Record(Saved):
         if self.bad["clipped"]:
             upper = self.u > 0.5 * (self.u.min() + self.u.max())
             for side, label in ((~upper, None), (upper, "clipped")):
-                limit = np.where(self._clipped & side, self.u, np.nan)
+                limit = np.where(self._input_clipped & side, self.u, np.nan)
                 bottom.plot(self.t, limit, "C3", lw=2.5, label=label)
             drawing.legend_above(bottom)
         named = zip(("position", "input"), self._known_units(), strict=True)
@@ -1000,7 +1000,7 @@ def usable_readings(good: Any, size: int) -> Bools | None:
     return array
 
 
-def repaired(
+def repair_positions(
     x: Floats, quantum: float | None, factor: float, good: Bools | None
 ) -> tuple[Floats, Masked, float]:
     """Positions bridged over what is bad, found or given, and their quantum, 0 for none."""
@@ -1008,8 +1008,8 @@ def repaired(
     def grid(sound: Bools) -> float:
         return quantum if quantum is not None else checks.estimated_quantum(x[sound], factor) or 0.0
 
-    faults = np.array(bad_readings.absurd(x) if good is None else (), np.int64)
-    step = grid(bad_readings.without(x.size, faults) if good is None else good)
+    faults = np.array(bad_readings.fault_codes(x) if good is None else (), np.int64)
+    step = grid(bad_readings.mask_without(x.size, faults) if good is None else good)
     if good is None:
         found = bad_readings.find(x, checks.spread_of(x, step), step)
         index = np.fromiter(found, np.int64, len(found))
@@ -1019,11 +1019,11 @@ def repaired(
         reasons = (bad_readings.GIVEN,) * index.size
     if not index.size:
         return x, NONE, step
-    sound = bad_readings.without(x.size, index)
-    return bad_readings.bridged(x, sound), Masked(index, reasons, x[index]), grid(sound)
+    sound = bad_readings.mask_without(x.size, index)
+    return bad_readings.interpolate_bad(x, sound), Masked(index, reasons, x[index]), grid(sound)
 
 
-def told(counts: Mapping[str, int]) -> str:
+def counts_text(counts: Mapping[str, int]) -> str:
     """Counts in words."""
     return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
 

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.checks import finite, one_of, positive
-from dryfric_control.records.bad_readings import roundest
+from dryfric_control.records.bad_readings import round_within
 from dryfric_control.records.clock import JITTER_LIMIT, single_spacing
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, units_by_role
 from dryfric_control.records.record_warning import warn
@@ -241,7 +241,11 @@ def increasing_steps(t: Floats) -> Floats:
             f"t has {int(same.sum())} duplicated time stamps, first t[{k}] = t[{k + 1}] = "
             f"{t[k]:.9g}; keep one of each: keep = np.r_[True, np.diff(t) > 0], or, of an even "
             "clock in coarse stamps, give rate= and columns={'t': None}",
-            **({"dt": _usual(steps[~same])} if few else {"rate": ..., "columns": {"t": None}}),
+            **(
+                {"dt": _suggested_step(steps[~same])}
+                if few
+                else {"rate": ..., "columns": {"t": None}}
+            ),
         )
     return steps
 
@@ -257,7 +261,7 @@ def short_gap(steps: Floats) -> dict[str, float]:
     return {"max_gap": float(f"{1.01 * longest:.3g}")} if short else {}
 
 
-def _usual(steps: Floats) -> float:
+def _suggested_step(steps: Floats) -> float:
     """Step to which a record is resampled where the user names none [s]."""
     return float(f"{np.median(steps):.3g}")
 
@@ -279,7 +283,7 @@ def uniform_step(t: Floats) -> float:
             f"{steps[k]:.4g} s (step {median:.4g} s) after t[{k}] = {t[k]:.6g} s, the longest of "
             f"{longest:.4g} s. Split there with Record.split_at_gaps(...), or fill short ones with "
             f"Record.from_irregular(...) or read_record(..., dt={median:.4g}{allowed})",
-            dt=_usual(steps),
+            dt=_suggested_step(steps),
             **more,
         )
     dt = float((t[-1] - t[0]) / (t.size - 1))
@@ -296,17 +300,17 @@ def uniform_step(t: Floats) -> float:
             f"{100 * jitter / dt:.3g} % of dt = {dt:.4g} s (limit {100 * JITTER_LIMIT:g} %). "
             f"Resample with Record.from_irregular(...) or read_record(..., dt={median:.3g}); "
             f"if only the stamps are coarse, pass t = t0 + dt * np.arange(n).{coarse}",
-            dt=_usual(steps),
+            dt=_suggested_step(steps),
         )
     off = float(np.abs(t - t[0] - dt * np.arange(t.size)).max())
     if off > 0.5 * dt:
         raise RefusalError(
             f"the clock of t drifts: {off:.3g} s away from uniform, more than half of dt = "
             f"{dt:.4g} s. Resample with Record.from_irregular(...)",
-            dt=_usual(steps),
+            dt=_suggested_step(steps),
         )
     # the roundest step that the stamps cannot tell from the mean
-    return roundest(dt, (off + 4 * resolution) / (t.size - 1))
+    return round_within(dt, (off + 4 * resolution) / (t.size - 1))
 
 
 # Way back and forth, as a part of the range, of an axis that does not turn round; one that does is
@@ -420,7 +424,9 @@ _SHARE = 1e-4
 _SURE = 3
 
 
-def unwrapped(found: dict[str, Floats], period: float | None, factor: float) -> dict[str, Floats]:
+def unwrap_encoder(
+    found: dict[str, Floats], period: float | None, factor: float
+) -> dict[str, Floats]:
     """Channels without the jumps of an encoder of a period, None for none."""
     if period is None:
         return found
@@ -519,7 +525,7 @@ _EVEN = (0.7, 1.5)
 _CHANGE = 0.05
 
 
-def clipped(u: Floats, x: Floats) -> Bools:
+def clipped_samples(u: Floats, x: Floats) -> Bools:
     """Samples at which the input rests at both its limits, exactly or but for its noise."""
     # Noise hides a limit: there the input must run into its extremes, stay and change the velocity
     # meanwhile, three times each way, which no sine, triangle, square wave or mere friction does.
@@ -699,7 +705,7 @@ class Comparison(NamedTuple):
     rms: float  # of what is left [unit of the channel]
 
 
-def compared(expected: Floats, measured: Floats, dt: float) -> Comparison:
+def compare_channels(expected: Floats, measured: Floats, dt: float) -> Comparison:
     """Gain, offset and delay that bring a channel closest to what is expected."""
     longest = min(round(_LATEST / dt), expected.size // 4)
     inside = slice(longest, expected.size - longest)

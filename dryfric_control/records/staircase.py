@@ -30,7 +30,7 @@ class Staircase(NamedTuple):
     period: float  # from change to change [samples], not always a whole number
 
 
-def staircase(values: Floats, quantum: float) -> Staircase | None:
+def find_staircase(values: Floats, quantum: float) -> Staircase | None:
     """The staircase that a channel is, None if it is none.
 
     A channel is one if it changes on an even clock slower than its own, by many small steps. A

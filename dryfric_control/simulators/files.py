@@ -24,7 +24,7 @@ def read_model(model: Any, out: Any) -> tuple[Path, bytes, Path]:
     return path, path.read_bytes(), path if out is None else file_path("out", out)
 
 
-def written(found: SimulatorValues, path: Path, content: bytes) -> SimulatorValues:
+def write_values(found: SimulatorValues, path: Path, content: bytes) -> SimulatorValues:
     """The values, once the file is there."""
     write_file(path, content)
     return replace(found, files=(path,))
@@ -38,7 +38,7 @@ class Edit(NamedTuple):
     new: bytes
 
 
-def applied(raw: bytes, edits: Iterable[Edit]) -> bytes:
+def apply_edits(raw: bytes, edits: Iterable[Edit]) -> bytes:
     """The file with all edits, which do not overlap."""
     for edit in sorted(edits, reverse=True):
         raw = raw[: edit.begin] + edit.new + raw[edit.end :]
@@ -50,7 +50,7 @@ def number(value: float) -> str:
     return f"{value:.6g}"
 
 
-def quoted(text: str) -> str:
+def quote_attribute(text: str) -> str:
     """Text as the value of an attribute of XML, with its quotation marks."""
     escapes = {'"': "&quot;"} | {character: f"&#{ord(character)};" for character in "\t\n\r"}
     return f'"{escape(text, escapes)}"'
@@ -106,12 +106,12 @@ def attributes_set(raw: bytes, at: int, values: Mapping[str, str]) -> Edit:
         name = one[1].decode()
         if name in missing:
             # Quotation marks and blanks stay as they are.
-            new = quoted(missing.pop(name))[1:-1].replace("'", "&#39;").encode()
+            new = quote_attribute(missing.pop(name))[1:-1].replace("'", "&#39;").encode()
             begin, end = one.start(2) - one.start() + 1, one.end(2) - one.start() - 1
             tag += one[0][:begin] + new + one[0][end:]
         else:
             tag += one[0]
-    tag += "".join(f" {name}={quoted(value)}" for name, value in missing.items()).encode()
+    tag += "".join(f" {name}={quote_attribute(value)}" for name, value in missing.items()).encode()
     return Edit(at, match.end(), tag + match[3])
 
 
@@ -130,7 +130,7 @@ def child_appended(raw: bytes, end: int, child: str) -> Edit:
     return Edit(end - len(space), end, indent + child.encode() + space)
 
 
-def removed(raw: bytes, at: int) -> Edit:
+def remove_element(raw: bytes, at: int) -> Edit:
     """An element without content that begins at a byte, taken out with the blanks before it."""
     before = raw[:at]
     end = _tag(raw, at).end()

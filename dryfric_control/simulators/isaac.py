@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from dryfric_control.simulators import joint_values
-from dryfric_control.simulators.files import number, written
+from dryfric_control.simulators.files import number, write_values
 from dryfric_control.simulators.joint_values import SimulatorValues
 from dryfric_control.store.files import file_path
 
@@ -65,15 +65,17 @@ def to_isaac(
     joints = joint_values.joints_of(result, joint, {})
     place = file_path("path", path)
     loads = joint_values.checked_loads(load, joints)
-    found = joint_values.described(_ISAAC, joints, velocities, loads)
+    found = joint_values.describe_joints(_ISAAC, joints, velocities, loads)
     names = list(dict.fromkeys(n for values in found.values.values() for n in values))
     lines = []
     for name in names:
-        entries = (f"{_literal(joint)}: {number(v[name])}" for joint, v in found.values.items())
+        entries = (
+            f"{_python_literal(joint)}: {number(v[name])}" for joint, v in found.values.items()
+        )
         lines.append(f"    {name}={{{', '.join(entries)}}},\n")
-    return written(found, place, f"JOINT_FRICTION = dict(\n{''.join(lines)})\n".encode())
+    return write_values(found, place, f"JOINT_FRICTION = dict(\n{''.join(lines)})\n".encode())
 
 
-def _literal(name: str) -> str:
+def _python_literal(name: str) -> str:
     """A name as text of Python: that of JSON is such, but for halves of a character."""
     return json.dumps(name, ensure_ascii=False)

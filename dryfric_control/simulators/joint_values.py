@@ -62,7 +62,7 @@ _ELSEWHERE = {
 _Systems = Sequence[tuple[str, str]]  # units of position and force
 
 
-def _straight(axis: FrictionAxis, c: Floats, shape: Any) -> FrictionAxis:
+def _linear_axis(axis: FrictionAxis, c: Floats, shape: Any) -> FrictionAxis:
     """An axis of a level and a viscous coefficient."""
     return axis.replace(coulomb=float(c[0]), viscous=float(c[1]), stribeck=None, effects=())
 
@@ -130,7 +130,7 @@ class SimulatorValues(Result):
     notes: tuple[str, ...] = stated("What other programs make of the file.", ())
     _told = (*"values standard_errors lost friction_error free_runs messages files notes".split(),)
 
-    def _shown(self) -> Iterator[str | list[tuple[str, ...]]]:
+    def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         names = list(dict.fromkeys(n for values in self.values.values() for n in values))
         rows: list[tuple[str, ...]] = [("joint", *names, "error of friction", "free runs")]
         for joint, values in self.values.items():
@@ -288,7 +288,7 @@ def checked_loads(
     return loads
 
 
-def described(
+def describe_joints(
     formats: Formats,
     joints: Mapping[str, Joint],
     velocities: ArrayLike | None,
@@ -302,17 +302,19 @@ def described(
     made = SimulatorValues({}, {}, (), {}, {}, {}, messages, ())
     lost: list[Loss] = []
     for name, joint in joints.items():
-        recorded, gain = referred(joint.axis)
+        recorded, gain = refer_to_input(joint.axis)
         load = (loads or {}).get(name, 0.0)
-        states = _States.of(joint, recorded, given)
-        form = _chosen(formats, recorded, states)
+        states = _States.from_joint(joint, recorded, given)
+        form = _choose_format(formats, recorded, states)
         numbers = functools.partial(_numbers, form, load, states)
         made.values[name] = numbers(joint.axis)
         made.standard_errors[name] = _errors(joint, made.values[name], numbers)
         straight = form if form.reduced else _STRAIGHT
-        reduced = (form.reduced or _straight)(recorded, *_best(straight, recorded, states))
+        reduced = (form.reduced or _linear_axis)(recorded, *_fit_format(straight, recorded, states))
         made.reduced[name] = reduced.replace(name=name)
-        made.friction_error[name], found = _lost(form, name, recorded, states, joint.records)
+        made.friction_error[name], found = _format_losses(
+            form, name, recorded, states, joint.records
+        )
         lost += found
         if gain != 1.0:
             words = "the drive is the recorded one: all values are divided by the gain"
@@ -330,7 +332,7 @@ def described(
     return replace(made, lost=tuple(lost))
 
 
-def _chosen(formats: Formats, axis: FrictionAxis, states: _States) -> Format:
+def _choose_format(formats: Formats, axis: FrictionAxis, states: _States) -> Format:
     """The format, or of several the first whose friction is nearly as good as that of the best."""
     if isinstance(formats, Format):
         return formats
@@ -338,7 +340,7 @@ def _chosen(formats: Formats, axis: FrictionAxis, states: _States) -> Format:
     friction = _friction(axis, states)
     errors = []
     for form in forms:
-        coefficients, shape = _best(form, axis, states)
+        coefficients, shape = _fit_format(form, axis, states)
         errors.append(_rms(friction - form.columns(states.v, shape) @ coefficients))
     most = max(min(errors) / _NEAR, _STATED * _rms(friction))
     return next(form for form, error in zip(forms, errors, strict=True) if error <= most)
@@ -346,12 +348,12 @@ def _chosen(formats: Formats, axis: FrictionAxis, states: _States) -> Format:
 
 def _numbers(form: Format, load: float, states: _States, axis: FrictionAxis) -> dict[str, Any]:
     """Numbers of an axis in a format by name."""
-    axis, _ = referred(axis)
-    found = form.values(*_best(form, axis, states), _breakaway(axis, states), axis)
+    axis, _ = refer_to_input(axis)
+    found = form.values(*_fit_format(form, axis, states), _breakaway(axis, states), axis)
     return found | ({form.armature: max(axis.mass - load, 0.0)} if form.armature else {})
 
 
-def referred(axis: FrictionAxis) -> tuple[FrictionAxis, float]:
+def refer_to_input(axis: FrictionAxis) -> tuple[FrictionAxis, float]:
     """The axis with all forces over the input gain, which move it alike, and that gain."""
     gains = [e for e in axis.effects if e.slug == "input_gain"]
     gain = math.prod(e.values[0] for e in gains)
@@ -381,7 +383,7 @@ class _States(NamedTuple):
     u: Floats
 
     @classmethod
-    def of(cls, joint: Joint, axis: FrictionAxis, velocities: Floats | None) -> _States:
+    def from_joint(cls, joint: Joint, axis: FrictionAxis, velocities: Floats | None) -> _States:
         """Sliding samples of the records; without one, velocities at places of the travel."""
         if velocities is None and joint.records:
             parts = []
@@ -407,7 +409,7 @@ def _resistance(axis: FrictionAxis, states: _States) -> Floats:
     return np.asarray(states.u - net_force(without_effects(axis), *states, np.sign(states.v)))
 
 
-def _dissipates(effect: Effect) -> bool:
+def _is_friction(effect: Effect) -> bool:
     """Whether an effect is friction of the joint; a stop is one of the simulator's own."""
     if effect.slug in _ELSEWHERE:
         return False
@@ -416,7 +418,7 @@ def _dissipates(effect: Effect) -> bool:
 
 def _friction(axis: FrictionAxis, states: _States) -> Floats:
     """Friction force with the load that acts, shape (n,)."""
-    rest = tuple(e for e in axis.effects if not _dissipates(e))
+    rest = tuple(e for e in axis.effects if not _is_friction(e))
     without = axis.replace(coulomb=0.0, viscous=0.0, stribeck=None, effects=rest)
     return _resistance(axis, states) - _resistance(without, states)
 
@@ -426,7 +428,7 @@ def _breakaway(axis: FrictionAxis, states: _States) -> float:
     return float(np.mean([np.mean(axis.breakaway(states.x, s)) for s in (1, -1)]))
 
 
-def _best(form: Format, axis: FrictionAxis, states: _States) -> tuple[Floats, Any]:
+def _fit_format(form: Format, axis: FrictionAxis, states: _States) -> tuple[Floats, Any]:
     """Coefficients of a format, none negative, and its shape, by least squares."""
     friction = _friction(axis, states)
     # Scaled columns: a viscous coefficient may be a million times the level.
@@ -495,11 +497,11 @@ def _features(axis: FrictionAxis, places: Floats) -> Iterator[tuple[str, Any, Fr
         yield effect.describe(axis.units), effect, axis.replace(effects=others)
 
 
-def _lost(
+def _format_losses(
     form: Format, joint: str, axis: FrictionAxis, states: _States, records: tuple[Record, ...]
 ) -> tuple[float, list[Loss]]:
     """RMS error of the friction, and everything that a format cannot say."""
-    coefficients, shape = _best(form, axis, states)
+    coefficients, shape = _fit_format(form, axis, states)
     columns = form.columns(states.v, shape)
     friction, (length, force) = _friction(axis, states), axis.units
     off, size = _rms(friction - columns @ coefficients), _rms(friction)
@@ -507,7 +509,7 @@ def _lost(
     for what, effect, without in _features(axis, states.x):
         if effect is not None and effect.slug in form.stated:
             continue
-        if effect is None or _dissipates(effect):
+        if effect is None or _is_friction(effect):
             part = friction - _friction(without, states)
             # What columns of the format do as well is no loss.
             left = part - columns @ np.linalg.lstsq(columns, part, rcond=None)[0]

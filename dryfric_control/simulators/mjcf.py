@@ -31,7 +31,7 @@ class Mjcf:
             f"model {path.name} has no joint with a name in a body: {mend}" + see("howto/simulator")
         )
 
-    def inherited(self, joint: str, attribute: str) -> str | None:
+    def class_value(self, joint: str, attribute: str) -> str | None:
         """Value that the class of a joint, or one around that, gives an attribute."""
         one = self.joints[joint]
         around = (self.tags[i].attributes.get("childclass") for i in reversed(one.around))
@@ -41,12 +41,12 @@ class Mjcf:
             for tag in self.tags
             if tag.name == "joint" and tag.path[-1:] == ("default",) and attribute in tag.attributes
         }
-        for at in self._classes(name):
+        for at in self._class_elements(name):
             if at in given:
                 return given[at]
         return None
 
-    def _classes(self, name: str | None) -> Iterator[int]:
+    def _class_elements(self, name: str | None) -> Iterator[int]:
         """Places of the elements of a class and those around it, and of the main one."""
         defaults = [i for i, tag in enumerate(self.tags) if tag.name == "default"]
         for i in defaults:
@@ -58,9 +58,9 @@ class Mjcf:
     def value(self, joint: str, attribute: str) -> str | None:
         """Value of an attribute of a joint: its own, or that of its class."""
         own = self.joints[joint].attributes.get(attribute)
-        return self.inherited(joint, attribute) if own is None else own
+        return self.class_value(joint, attribute) if own is None else own
 
-    def sprung(self, joint: str) -> bool:
+    def has_springdamper(self, joint: str) -> bool:
         """Whether `springdamper` overrides the damping of a joint."""
         numbers = (self.value(joint, "springdamper") or "0 0").split()
         return len(numbers) == 2 and all(float(one) > 0.0 for one in numbers)
@@ -71,7 +71,7 @@ class Mjcf:
         return [one.attributes.get("sep", "") for one in around if one.name == "replicate"]
 
     @property
-    def stepping(self) -> Stepping:
+    def step_settings(self) -> Stepping:
         """How the model steps, as far as this file says."""
         given: dict[str, str] = {}
         for tag in self.tags:
@@ -85,9 +85,9 @@ class Mjcf:
         self, joint: str, values: Mapping[str, Any], stiff: bool, stiffness: float | None
     ) -> Edit:
         """The joint with its values, and without what overrides them."""
-        full = len((self.inherited(joint, "damping") or "").split()) > 1
+        full = len((self.class_value(joint, "damping") or "").split()) > 1
         texts = mujoco_formats.joint_attributes(values, stiff, full)
-        if self.sprung(joint):
+        if self.has_springdamper(joint):
             texts["springdamper"] = "0 0"
             if stiffness is not None:
                 texts["stiffness"] = files.number(stiffness)
@@ -109,7 +109,7 @@ class Mjcf:
                 text = {"lugre": mujoco_formats.lugre_text(values)}
                 yield files.attributes_set(self.raw, old.at, text)
             elif old is not None:
-                yield files.removed(self.raw, old.at)
+                yield files.remove_element(self.raw, old.at)
             elif bristles:
                 name = f"{joint}_friction"
                 name = "" if name in taken else name

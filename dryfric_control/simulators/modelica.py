@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from dryfric_control.arrays import Floats
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.simulators import joint_values
-from dryfric_control.simulators.files import Edit, applied, number, read_model, written
+from dryfric_control.simulators.files import Edit, apply_edits, number, read_model, write_values
 from dryfric_control.simulators.joint_values import SimulatorValues
 
 # Velocities of the table.
@@ -104,7 +104,7 @@ def to_modelica(
     bare = _SKIPPED.sub(lambda one: (b'"' if one[0][:1] == b'"' else b" ") * len(one[0]), raw)
     bare = _QUOTED.sub(lambda found: b"_" * len(found[0]), bare)
     there: dict[str, list[_Component]] = {}
-    for one in _components(raw, bare):
+    for one in _find_components(raw, bare):
         there.setdefault(one.name, []).append(one)
     if not there:
         raise ValueError(
@@ -123,17 +123,17 @@ def to_modelica(
             raise ValueError(
                 f"model {path.name}: a bracket of {name!r} is not closed: is the file whole?"
             )
-    found = joint_values.described(_MODELICA, joints, velocities)
+    found = joint_values.describe_joints(_MODELICA, joints, velocities)
     edits: list[Edit] = []
     for name, values in found.values.items():
         rows = "; ".join(f"{number(v)}, {number(f)}" for v, f in values["table"])
         component = there[name][0]
         texts = {_TABLE[component.kind]: f"[{rows}]", "peak": number(values["peak"])}
-        edits += _modified(bare, component, texts)
-    return written(found, place, applied(raw, edits))
+        edits += _modifier_edits(bare, component, texts)
+    return write_values(found, place, apply_edits(raw, edits))
 
 
-def _components(raw: bytes, bare: bytes) -> Iterator[_Component]:
+def _find_components(raw: bytes, bare: bytes) -> Iterator[_Component]:
     """Components with friction of a file, `bare` of text and comments."""
     for kind in _TYPE.finditer(bare):
         at, all_arrays = kind.end(), kind[2] is not None
@@ -158,7 +158,7 @@ def _components(raw: bytes, bare: bytes) -> Iterator[_Component]:
             at += 1
 
 
-def _modified(bare: bytes, component: _Component, texts: dict[str, str]) -> Iterator[Edit]:
+def _modifier_edits(bare: bytes, component: _Component, texts: dict[str, str]) -> Iterator[Edit]:
     """Modifiers of a component set; those of an array are the same for each of its elements."""
     each = "each " if component.array else ""
     missing = {name: f"{each}{name}={value}" for name, value in texts.items()}

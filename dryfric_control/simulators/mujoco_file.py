@@ -114,7 +114,7 @@ def to_mjcf(
         raise ValueError(f"stiff must be True or False, got {stiff!r}")
     if noslip_iterations is not None:
         noslip_iterations = whole("noslip_iterations", noslip_iterations, 0)
-    rich = _rich(dialect)
+    rich = _is_dialect_4(dialect)
     options = _Options(rich, rich if stiff is None else stiff, noslip_iterations)
     if isinstance(model, (str, os.PathLike)):
         return _in_file(result, model, joint, load, velocities, options, out)
@@ -131,7 +131,7 @@ class _Options(NamedTuple):
     noslip_iterations: int | None
 
     @property
-    def soft(self) -> dict[str, str]:
+    def solver_parameters(self) -> dict[str, str]:
         """Solver parameters of a joint."""
         return mujoco_formats.STIFF if self.stiff else {}
 
@@ -140,11 +140,11 @@ class _Options(NamedTuple):
         return mujoco_formats.formats(stepping, bristles) if self.rich else mujoco_formats.PLAIN
 
 
-def _rich(dialect: Any) -> bool:
+def _is_dialect_4(dialect: Any) -> bool:
     """Whether words of 4.0 are to be used."""
     one_of("dialect", dialect, DIALECTS)
     if dialect == "auto":
-        return (engine.installed() or (0, 0)) >= engine.RICH
+        return (engine.installed_version() or (0, 0)) >= engine.RICH
     return bool(dialect == "4.0")
 
 
@@ -155,7 +155,7 @@ def _in_file(
     file = Mjcf(path, raw)
     joints = _joints(result, joint, {name: kind_of(file, name) for name in file.joints})
     try:
-        there = engine.compiled(path) if engine.installed() else None
+        there = engine.compile_model(path) if engine.installed_version() else None
         refused = ""
     except ValueError as problem:
         there, refused = None, str(problem)
@@ -165,30 +165,30 @@ def _in_file(
     names = {name: [name] for name in joints}
     if there is not None:
         names = {n: engine.copies(there, n, file.separators(n)) or [n] for n in joints}
-    loads = joint_values.checked_loads(load, joints, lambda: _computed(there, names), mend)
-    stepping = file.stepping if there is None else engine.stepping(there)
+    loads = joint_values.checked_loads(load, joints, lambda: _body_inertias(there, names), mend)
+    stepping = file.step_settings if there is None else engine.step_settings(there)
     # A copy has no name of its own in the file, to which an actuator could be tied.
     alone = all(not file.separators(name) for name in joints)
     formats = options.formats(stepping, alone)
-    found = joint_values.described(formats, joints, velocities, loads)
+    found = joint_values.describe_joints(formats, joints, velocities, loads)
     found = _stable(found, joints, velocities, loads, options, stepping)
-    edits, said = [], list(_overridden(file, joints, there, names))
+    edits, said = [], list(_override_notes(file, joints, there, names))
     for name, values in found.values.items():
         stiffness = None
-        if there is not None and file.sprung(name):
+        if there is not None and file.has_springdamper(name):
             stiffness = float(np.ravel(there.jnt_stiffness[there.joint(names[name][0]).id])[0])
         edits.append(file.joint_edit(name, values, options.stiff, stiffness))
     edits += file.actuator_edits(found.values)
     if options.noslip_iterations is not None:
         edits.append(file.option_edit({"noslip_iterations": str(options.noslip_iterations)}))
-    content = files.applied(raw, edits)
+    content = files.apply_edits(raw, edits)
     if there is not None:
         said += _read_back(path, content, found, names)
     elif refused:
         said.append(f"not read back: {refused}")
     found = replace(found, messages=(*found.messages, *said))
     found = _with_bench(found, joints, loads, options, stepping)
-    return files.written(found, place, content)
+    return files.write_values(found, place, content)
 
 
 def _joints(result: Any, joint: Any, kinds: Mapping[str, Any]) -> dict[str, Joint]:
@@ -202,19 +202,19 @@ def _joints(result: Any, joint: Any, kinds: Mapping[str, Any]) -> dict[str, Join
     return joints
 
 
-def _computed(there: Any, names: Mapping[str, list[str]]) -> dict[str, float]:
+def _body_inertias(there: Any, names: Mapping[str, list[str]]) -> dict[str, float]:
     """Inertia of the bodies about joints, by MuJoCo."""
     if there is None:
         return {}
     return engine.inertias(there, {name: copies[0] for name, copies in names.items()})
 
 
-def _overridden(
+def _override_notes(
     file: Mjcf, joints: Mapping[str, Joint], there: Any, names: Mapping[str, list[str]]
 ) -> Iterator[str]:
     """What of the file overrides values, and what becomes of it."""
     for name in joints:
-        if file.sprung(name):
+        if file.has_springdamper(name):
             spring = "its stiffness stays" if there is not None else "its spring goes with it"
             yield f"{name}: springdamper, which overrides damping, is taken off; {spring}"
         if len(names[name]) > 1:
@@ -231,11 +231,11 @@ def _read_back(
     )
     try:
         trial.write_bytes(content)
-        model = engine.compiled(trial)
+        model = engine.compile_model(trial)
     except OSError as problem:
         return [f"not read back: {problem.strerror} beside {path.name}"]
     except ValueError as problem:
-        if rich and (engine.installed() or (0, 0)) < engine.RICH:
+        if rich and (engine.installed_version() or (0, 0)) < engine.RICH:
             return ["not read back: the MuJoCo that is installed does not know the words of 4.0"]
         words = " ".join(str(problem).replace(str(trial), path.name).split())
         raise ValueError(f"{words}; with the new values, so that nothing was written") from None
@@ -245,12 +245,12 @@ def _read_back(
     for name, values in found.values.items():
         for copy in names[name]:
             said += [f"{copy}: {one}" for one in engine.differences(model, copy, values)]
-        there = engine.arrived(model, names[name][0])
-        values.update({n: there[n] for n in values if n in there and _other(values[n], there[n])})
+        there = engine.joint_numbers(model, names[name][0])
+        values.update({n: there[n] for n in values if n in there and _differs(values[n], there[n])})
     return said
 
 
-def _other(wanted: float, found: float) -> bool:
+def _differs(wanted: float, found: float) -> bool:
     """Whether a number is another than that which was written with six digits."""
     return files.number(wanted) != files.number(found)
 
@@ -264,7 +264,7 @@ def _stable(
         return found
     if not stepping.bristles:
         usual = options.formats(Stepping(stepping.timestep))
-        bare = joint_values.described(usual, joints, velocities, loads).values
+        bare = joint_values.describe_joints(usual, joints, velocities, loads).values
         said = (_RK4,) if any(map(has_bristles, bare.values())) else ()
         return replace(found, messages=(*found.messages, *said))
     restless = [
@@ -274,7 +274,7 @@ def _stable(
     ]
     if not restless:
         return found
-    found = joint_values.described(
+    found = joint_values.describe_joints(
         options.formats(stepping, bristles=False), joints, velocities, loads
     )
     said = (f"{', '.join(restless)}: bristles are not stable here: they are left out",)
@@ -285,7 +285,7 @@ def _rests(
     values: Mapping[str, Any], joint: Joint, load: float, options: _Options, stepping: Stepping
 ) -> bool:
     """Whether a joint comes to rest in MuJoCo; as computed where none is installed."""
-    if (engine.installed() or (0, 0)) < engine.RICH:
+    if (engine.installed_version() or (0, 0)) < engine.RICH:
         return True
     turning = joint.axis.units == engine.UNITS["hinge"]
     model = mujoco_bench.one_joint(values, load, turning, options.stiff, stepping)
@@ -299,7 +299,7 @@ def _with_bench(
     """Free runs measured in MuJoCo, and what other programs make of the values."""
     words = [name for values in found.values.values() for name in values if values[name]]
     notes = tuple(note for name, note in _NOTES.items() if name in words)
-    version = engine.installed()
+    version = engine.installed_version()
     if version is None or (version < engine.RICH and "lugre_stiffness" in words):
         return replace(found, notes=notes)
     runs = dict(found.free_runs)
@@ -328,16 +328,16 @@ def _in_model(
     kinds = {name: kind for name, kind in engine.joint_kinds(made).items() if name}
     joints = _joints(result, joint, kinds)
     loads = joint_values.checked_loads(load, joints, lambda: engine.inertias(made, list(joints)))
-    stepping = engine.stepping(made)
+    stepping = engine.step_settings(made)
     # No actuator can be added to a compiled model.
     formats = options.formats(stepping, not compiled)
-    found = joint_values.described(formats, joints, velocities, loads)
+    found = joint_values.describe_joints(formats, joints, velocities, loads)
     if not compiled:
         found = _stable(found, joints, velocities, loads, options, stepping)
     said = []
     for name, values in found.values.items():
         if compiled:
-            engine.put(model, name, values, options.soft)
+            engine.put(model, name, values, options.solver_parameters)
             continue
         one = model.joint(name)
         if np.all(np.asarray(one.springdamper) > 0.0):
@@ -346,7 +346,7 @@ def _in_model(
             stiffness = float(np.ravel(made.jnt_stiffness[made.joint(name).id])[0])
             one.stiffness = [stiffness, 0.0, 0.0] if np.ndim(one.stiffness) else stiffness
             one.springdamper = [0.0, 0.0]
-        engine.put_in_spec(model, name, values, options.soft)
+        engine.put_in_spec(model, name, values, options.solver_parameters)
     if options.noslip_iterations is not None:
         (model.opt if compiled else model.option).noslip_iterations = options.noslip_iterations
     after = model if compiled else model.copy().compile()

@@ -12,7 +12,7 @@ from dryfric_control.arrays import Floats
 from dryfric_control.model import effects
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import MOST_EXCESS, Stribeck
-from dryfric_control.simulators.files import number, quoted
+from dryfric_control.simulators.files import number, quote_attribute
 from dryfric_control.simulators.joint_values import Format
 
 #: Friction of MuJoCo is soft: a joint at rest creeps, with these 500 times less.
@@ -46,12 +46,12 @@ class Stepping(NamedTuple):
         return self.integrator.lower() != "rk4"
 
 
-def _plain(c: Floats, *_: Any) -> dict[str, Any]:
+def _plain_values(c: Floats, *_: Any) -> dict[str, Any]:
     return {"frictionloss": float(c[0]), "damping": float(c[1])}
 
 
 #: A level and a viscous coefficient, which every version reads.
-PLAIN = Format(_plain, armature="armature")
+PLAIN = Format(_plain_values, armature="armature")
 
 
 class _Words(NamedTuple):
@@ -107,7 +107,7 @@ class _Words(NamedTuple):
             return found
         return found | dict(zip(LUGRE, lugre, strict=True))
 
-    def reduced(self, axis: FrictionAxis, c: Floats, shape: float) -> FrictionAxis:
+    def stated_axis(self, axis: FrictionAxis, c: Floats, shape: float) -> FrictionAxis:
         """The axis as far as it is stated."""
         level, viscous, drag, peak = self._parts(c)
         stribeck = None
@@ -125,7 +125,7 @@ class _Words(NamedTuple):
             armature="armature",
             columns=self.columns,
             shapes=self.shapes,
-            reduced=self.reduced,
+            reduced=self.stated_axis,
             stated=frozenset({"presliding"} if self.contact is not None else ()),
         )
 
@@ -191,4 +191,4 @@ def friction_actuator(joint: str, values: Mapping[str, Any], name: str = "") -> 
         "armature": "0",
         "saturation": "0 0 0",
     }
-    return f"<dcmotor {' '.join(f'{n}={quoted(v)}' for n, v in attributes.items())}/>"
+    return f"<dcmotor {' '.join(f'{n}={quote_attribute(v)}' for n, v in attributes.items())}/>"

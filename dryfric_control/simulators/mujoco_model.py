@@ -24,7 +24,7 @@ RICH = (4, 0)
 _WRITTEN = 1e-5
 
 
-def installed() -> tuple[int, int] | None:
+def installed_version() -> tuple[int, int] | None:
     """Version of the MuJoCo that is installed; None without one."""
     try:
         import mujoco
@@ -34,7 +34,7 @@ def installed() -> tuple[int, int] | None:
     return major, minor
 
 
-def compiled(path: Path) -> Any:
+def compile_model(path: Path) -> Any:
     """The model of a file."""
     import mujoco
 
@@ -44,7 +44,7 @@ def compiled(path: Path) -> Any:
         raise ValueError(f"model {path} is refused by MuJoCo: {problem}") from None
 
 
-def stepping(model: Any) -> Stepping:
+def step_settings(model: Any) -> Stepping:
     """How a compiled model steps."""
     import mujoco
 
@@ -87,7 +87,7 @@ def inertias(model: Any, joints: Mapping[str, str] | Iterable[str]) -> dict[str,
 def axes_of(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
     """Nominal axes of the joints of an MJCF file, by MuJoCo: inertia, damping, frictionloss."""
     try:
-        model = compiled(existing_file(path))
+        model = compile_model(existing_file(path))
     except ImportError:
         raise ValueError(
             f"the nominal axes of {path} are computed by MuJoCo, which is not installed: pip "
@@ -107,7 +107,7 @@ def axes_of(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
     return found
 
 
-def arrived(model: Any, joint: str) -> dict[str, float]:
+def joint_numbers(model: Any, joint: str) -> dict[str, float]:
     """Numbers of a joint in a compiled model."""
     at, number_of_joint = int(model.joint(joint).dofadr[0]), int(model.joint(joint).id)
     found = {
@@ -127,14 +127,14 @@ def arrived(model: Any, joint: str) -> dict[str, float]:
 
 def differences(model: Any, joint: str, values: Mapping[str, Any]) -> list[str]:
     """What of a joint is otherwise in a compiled model than it was written."""
-    there, said = arrived(model, joint), []
+    there, said = joint_numbers(model, joint), []
     expected = {"damping_quadratic": 0.0, "damping_cubic": 0.0} | dict(values)
     names = [n for n in expected if n in there or n in values]
     for name in names + [n for n in LUGRE if n in there and n not in values]:
         wanted, found = expected.get(name, 0.0), there.get(name, 0.0)
         if abs(found - wanted) > _WRITTEN * max(abs(wanted), abs(found)):
             said.append(f"{name} is {number(found)} in MuJoCo, and {number(wanted)} was written")
-    said += _additions(model, int(model.joint(joint).id))
+    said += _actuator_additions(model, int(model.joint(joint).id))
     return said
 
 
@@ -153,7 +153,7 @@ def _is_dcmotor(model: Any, actuator: int) -> bool:
     return kind is not None and int(model.actuator_biastype[actuator]) == int(kind)
 
 
-def _additions(model: Any, joint: int) -> list[str]:
+def _actuator_additions(model: Any, joint: int) -> list[str]:
     """What actuators add to the damping and armature of a joint."""
     said = []
     for i in _actuators(model, joint):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from dryfric_control.arrays import Floats
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.simulators import joint_values
-from dryfric_control.simulators.files import number, written
+from dryfric_control.simulators.files import number, write_values
 from dryfric_control.simulators.joint_values import SimulatorValues
 from dryfric_control.store.files import file_path
 
@@ -34,7 +34,7 @@ def _speeds(speed: Floats, axis: FrictionAxis) -> Floats:
     return np.geomspace(1e-3 * top, top, _TRIED)
 
 
-def _curve(v: Floats, breakaway_velocity: float) -> Floats:
+def _friction_columns(v: Floats, breakaway_velocity: float) -> Floats:
     """Columns of the excess of the breakaway force, the Coulomb level and the viscous part."""
     near = v / (math.sqrt(2.0) * breakaway_velocity)
     peak = math.sqrt(2.0 * math.e) * near * np.exp(-np.minimum(near**2, 700.0))
@@ -49,7 +49,7 @@ _SIMSCAPE = joint_values.Format(
         "breakaway_velocity": float(shape),
     },
     breakaway=True,
-    columns=_curve,
+    columns=_friction_columns,
     shapes=_speeds,
 )
 
@@ -94,17 +94,17 @@ def to_simscape(
     """
     joints = joint_values.joints_of(result, joint, {}, tuple(_NAMES))
     place = file_path("path", path)
-    found = joint_values.described(_SIMSCAPE, joints, velocities)
+    found = joint_values.describe_joints(_SIMSCAPE, joints, velocities)
     lines = []
     for name, values in found.values.items():
-        block, names = _literal(name), _NAMES[joints[name].axis.units]
+        block, names = _matlab_literal(name), _NAMES[joints[name].axis.units]
         for (parameter, unit), value in zip(names, map(number, values.values()), strict=True):
             words = f"{block}, '{parameter}', '{value}', '{parameter}_unit', '{unit}'"
             lines.append(f"set_param({words});\n")
-    return written(found, place, "".join(lines).encode())
+    return write_values(found, place, "".join(lines).encode())
 
 
-def _literal(name: str) -> str:
+def _matlab_literal(name: str) -> str:
     """A name as text of MATLAB, where a line break and the like must be numbers."""
     pieces = _NO_TEXT.split(name)
     texts = [f"'{one.replace(chr(39), 2 * chr(39))}'" if i % 2 == 0 else f"char({ord(one)})"

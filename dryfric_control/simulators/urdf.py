@@ -64,7 +64,7 @@ def to_urdf(
         raise ValueError(f"model {path.name} has no revolute, continuous or prismatic joint")
     units = {name: (_UNITS[tags[i].attributes["type"]],) for name, i in there.items()}
     joints = joint_values.joints_of(result, joint, units)
-    found = joint_values.described(_URDF, joints, velocities)
+    found = joint_values.describe_joints(_URDF, joints, velocities)
     edits = []
     for name, values in found.values.items():
         texts = {n: files.number(v) for n, v in values.items()}
@@ -76,4 +76,4 @@ def to_urdf(
         else:
             words = " ".join(f'{n}="{v}"' for n, v in texts.items())
             edits.append(files.child_added(raw, tags[i].at, f"<dynamics {words}/>"))
-    return files.written(found, place, files.applied(raw, edits))
+    return files.write_values(found, place, files.apply_edits(raw, edits))

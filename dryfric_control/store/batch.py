@@ -140,21 +140,21 @@ def raise_failures(results: Mapping[Any, Any], all_only: bool) -> None:
 
 def fingerprint(*values: Any, without: tuple[type, ...] = ()) -> str:
     """Short text of what values hold, or of their pickles; classes `without` are passed over."""
-    return str(joblib.hash(_content(values, without)))[:16]
+    return str(joblib.hash(_hashable_content(values, without)))[:16]
 
 
-def _content(value: Any, without: tuple[type, ...]) -> Any:
+def _hashable_content(value: Any, without: tuple[type, ...]) -> Any:
     """What a value holds, alike for two that hold the same."""
     if isinstance(value, without):
         return None
     if is_dataclass(value) and not isinstance(value, type):
         # By its fields: an object may also hold what it has worked out from them.
-        held = [_content(getattr(value, item.name), without) for item in fields(value)]
+        held = [_hashable_content(getattr(value, item.name), without) for item in fields(value)]
         return type(value).__qualname__, held
     if isinstance(value, Mapping):
-        return {key: _content(one, without) for key, one in value.items()}
+        return {key: _hashable_content(one, without) for key, one in value.items()}
     if isinstance(value, (tuple, list)):
-        return [_content(one, without) for one in value]
+        return [_hashable_content(one, without) for one in value]
     if isinstance(value, np.ndarray) and not value.dtype.hasobject:
         return np.array(value, order="C")
     if isinstance(value, (np.generic, str, int, float, type(None))):

@@ -18,7 +18,7 @@ _ROOM = 4_000_000  # bytes, more than a report takes
 
 
 @contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+def replace_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Where to write what takes the place of a file once the block ends without an error."""
     target = file_path("path", path)
     if target.is_dir():
@@ -54,12 +54,12 @@ def existing_file(source: str | os.PathLike[str]) -> Path:
 
 def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:
     """Write text in UTF-8, or bytes, as a whole or not at all."""
-    with replacing(path) as part:
+    with replace_file(path) as part:
         part.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
 
 
 @contextmanager
-def named(what: str, done: str = "written") -> Iterator[None]:
+def name_disk_errors(what: str, done: str = "written") -> Iterator[None]:
     """Whatever a disk refuses as an error that names it."""
     try:
         yield
@@ -78,7 +78,7 @@ def existing_folder(folder: str | os.PathLike[str]) -> Path:
     """The folder, made if it is not there."""
     if not isinstance(folder, (str, os.PathLike)):
         raise ValueError(f"folder must be a path, got {folder!r}")
-    with named(f"folder {str(folder)!r}", "made"):
+    with name_disk_errors(f"folder {str(folder)!r}", "made"):
         Path(folder).mkdir(parents=True, exist_ok=True)
     return Path(folder)
 
@@ -89,7 +89,7 @@ def output_folder(out: str | os.PathLike[str]) -> Path:
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"--out {folder} is a file: name a folder")
     trial = folder / "report.html.try"
-    with named(f"--out {folder}"):
+    with name_disk_errors(f"--out {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
         try:
             trial.write_bytes(bytes(_ROOM))

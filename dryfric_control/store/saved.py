@@ -22,7 +22,7 @@ from dryfric_control.store.files import (
     existing_file,
     file_path,
     read_json,
-    replacing,
+    replace_file,
 )
 
 #: Version of the files that are written.
@@ -53,8 +53,9 @@ class Saved:
 
     1. Its class is a dataclass that inherits this one and names its `_kind`, which the file states.
     2. `_holds` names the dataclasses that may stand in the file beside it; no other is read.
-    3. What follows from the rest is not kept: `_kept` leaves it out, `_opened` computes it anew.
-    4. `_opened` refuses what the function that makes the object would refuse.
+    3. What follows from the rest is not kept: `_to_saved` leaves it out, and `_from_saved` computes
+       it anew.
+    4. `_from_saved` refuses what the function that makes the object would refuse.
     5. Where fields change, `VERSION` is raised and `MIGRATIONS` gets what makes the data of the
        version before into those of the next.
     """
@@ -72,7 +73,7 @@ class Saved:
             File to write, replaced as a whole or not at all.
         """
         file_path("path", path)  # before a large result is converted
-        content = to_plain(self._kept(), (type(self), *self._holds))
+        content = to_plain(self._to_saved(), (type(self), *self._holds))
         write_document(path, self._kind, {"content": content})
 
     @classmethod
@@ -103,7 +104,7 @@ class Saved:
         try:
             # Numbers beyond all reason overflow somewhere; sound ones do nowhere.
             with np.errstate(over="raise", divide="raise", invalid="raise"):
-                found = cls._opened(from_plain(data["content"], (cls, *cls._holds)))
+                found = cls._from_saved(from_plain(data["content"], (cls, *cls._holds)))
         except _SENSELESS as error:
             if cls._broken is not None and isinstance(error, cls._broken):
                 raise cls._broken(f"{path} was changed: {error}") from None
@@ -117,12 +118,12 @@ class Saved:
             )
         return found
 
-    def _kept(self) -> Any:
+    def _to_saved(self) -> Any:
         """What the file holds of it."""
         return self
 
     @classmethod
-    def _opened(cls, held: Any) -> Self:
+    def _from_saved(cls, held: Any) -> Self:
         """What a file held, checked."""
         if type(held) is not cls:
             raise ValueError(f"it holds {type(held).__name__}")
@@ -138,7 +139,7 @@ def write_document(path: str | os.PathLike[str], kind: str, data: Mapping[str, A
     }
     whole["checksum"] = _checksum(whole)
     with (
-        replacing(path) as temporary,
+        replace_file(path) as temporary,
         temporary.open("w", encoding="utf-8") as file,
     ):
         json.dump(whole, file, indent=1, allow_nan=False)

@@ -64,7 +64,9 @@ def test_the_regressor_times_the_inertial_parameters_is_the_force():
     arm = RigidArm(model)
     links = arm.links()
     assert [one.name for one in links] == ["a_link", "b_link", "c_link"] and links[-1].last
-    force = np.einsum("njlp,lp->nj", arm.regressor(m, links), [one.inertial for one in links])
+    force = np.einsum(
+        "njlp,lp->nj", arm.regression_matrix(m, links), [one.inertial for one in links]
+    )
     rotors = model.dof_armature * m.a
     np.testing.assert_allclose(force + rotors, arm.forces(m)[0], atol=1e-10)
 
@@ -77,7 +79,7 @@ def test_a_payload_is_a_mass_at_its_place():
     at = place + [0.0, 0.1, 0.0]  # the hand is fixed to the last link
     second = np.eye(3) * (at @ at) - np.outer(at, at)
     added = [1.0, *at, *second[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]]
-    by_regressor = arm.regressor(m, [last])[:, :, 0] @ (0.8 * np.array(added))
+    by_regressor = arm.regression_matrix(m, [last])[:, :, 0] @ (0.8 * np.array(added))
     np.testing.assert_allclose(one - arm.forces(m)[0], by_regressor, atol=1e-10)
 
 

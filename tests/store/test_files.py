@@ -81,7 +81,7 @@ import importlib.util, os, signal
 spec = importlib.util.spec_from_file_location("files", {str(source)!r})
 files = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(files)
-with files.replacing({str(path)!r}) as part:
+with files.replace_file({str(path)!r}) as part:
     with part.open("w") as file:
         file.write("half of the new")
         file.flush()

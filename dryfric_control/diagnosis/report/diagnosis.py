@@ -63,7 +63,7 @@ class Diagnosis(Saved, Result, Findings):
     _kind = "diagnosis"
     _holds = (Cause, Gain, Unexplained, Remaining, Experiment, Record)
 
-    def _shown(self) -> list[str]:
+    def _summary_parts(self) -> list[str]:
         return summary_lines(self)
 
     def __repr__(self) -> str:

@@ -73,7 +73,7 @@ class Cause(Result):
     explanation: str = stated("What it is physically.")
     experiment: str = stated("What would expose it alone.")
 
-    def _shown(self) -> list[str]:
+    def _summary_parts(self) -> list[str]:
         return [cause_text(self)]
 
 
@@ -121,7 +121,7 @@ class Gain(Result):
             f"(90 %: {low} to {high}); noise floor {floor}"
         )
 
-    def _shown(self) -> list[str]:
+    def _summary_parts(self) -> list[str]:
         return [self.headline]
 
     @property
@@ -144,7 +144,7 @@ class Unexplained(Result):
     def __float__(self) -> float:
         return self.fraction
 
-    def _shown(self) -> list[str]:
+    def _summary_parts(self) -> list[str]:
         if not self.significant:
             return ["nothing unexplained beyond noise"]
         return [f"{percent(self.fraction)} of the error above noise is left", *self.where]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from dryfric_control.records.readers.channels import Wanted
 from dryfric_control.records.readers.limits import refused_if_damaged
-from dryfric_control.records.readers.log_file import MessageLog, imported
+from dryfric_control.records.readers.log_file import MessageLog, import_optional
 from dryfric_control.records.refusal import RefusalError
 from dryfric_control.store.files import existing_file
 
@@ -52,7 +52,7 @@ class CanLog(MessageLog):
                 "the EDS or DCF of the drive",
                 database=...,
             )
-        self._decoders = [_decoder(one, path) for one in _paths(wanted.database)]
+        self._decoders = [_read_database(one, path) for one in _paths(wanted.database)]
         super().__init__(path, wanted)
 
     def _messages(self, *libraries: Any) -> Iterator[tuple[str, int, Any]]:
@@ -226,8 +226,8 @@ def _number(shifted: int, field: _Field) -> int:
     return number - (1 << field.bits) if field.signed and number >> (field.bits - 1) else number
 
 
-def _decoder(path: Path, log: Path) -> _Dbc | _Eds:
+def _read_database(path: Path, log: Path) -> _Dbc | _Eds:
     """What a file says of the frames."""
     if path.suffix.lower() in (".eds", ".dcf"):
-        return _Eds(imported("canopen", "can", log), path)
-    return _Dbc(imported("cantools", "can", log), path)
+        return _Eds(import_optional("canopen", "can", log), path)
+    return _Dbc(import_optional("cantools", "can", log), path)

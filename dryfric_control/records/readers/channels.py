@@ -129,23 +129,23 @@ def split_header(cell: str) -> tuple[str, str]:
         words = cell.split(mark)
         for tail in (3, 2, 1) if mark == "_" else (1,):
             name = mark.join(words[:-tail])
-            role = meaning(name)[0]
+            role = parse_heading(name)[0]
             for unit in {"/".join(words[-tail:]), " ".join(words[-tail:])}:
                 if role and known_unit(unit) and _fits(role, unit):
                     return name.strip(), unit.strip()
     return cell, ""
 
 
-def worded(name: str) -> str:
+def normalize_heading(name: str) -> str:
     """A heading in lower case without accents, its words joined by "_"."""
     name = "".join(c for c in normalize("NFKD", name.strip(" _")) if not combining(c))
     return re.sub(r"(?<=[a-z])(?=[A-Z])|[ -]+", "_", name).casefold()
 
 
 @lru_cache(maxsize=4096)
-def meaning(name: str) -> tuple[str, str, str]:
+def parse_heading(name: str) -> tuple[str, str, str]:
     """Role of a heading, its usual name, and the joint it is of, each empty if there is none."""
-    for one in (worded(name), name.strip().casefold()):
+    for one in (normalize_heading(name), name.strip().casefold()):
         if one in _ROLES:
             return _ROLES[one], one, ""
     if _is_derived(name):
@@ -165,13 +165,13 @@ def meaning(name: str) -> tuple[str, str, str]:
 
 def _is_derived(name: str) -> bool:
     """Whether a heading says that it is an error, a limit or a share of a channel."""
-    words = re.findall(r"[^\W\d_]+", worded(name))
+    words = re.findall(r"[^\W\d_]+", normalize_heading(name))
     return any(w in _DERIVED or w.endswith(("fehler", "abweichung")) for w in words)
 
 
 def _part(parts: list[str], k: int) -> tuple[str, str, str] | None:
     """Meaning of the k-th part of a name; what follows is the joint, or a number in it."""
-    words = re.findall(r"[^\W\d_]+|\d+", worded(parts[k - 1]))
+    words = re.findall(r"[^\W\d_]+|\d+", normalize_heading(parts[k - 1]))
     numbers = [w for w in words if w.isdigit()]
     if len(words) > 2 and words[1].isdigit() and words[0] in _SAID["stems"]["position"]:
         words = words[2:]  # q3_tau: the torque of a joint that is called q3
@@ -222,7 +222,7 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
     for role in [role for role in NAMES if role not in columns]:
         found = _usual_columns(role, headings, names, chosen, timed)
         if len(found) > 1 and role in ROLES[:3]:
-            raise _several(role, found, headings, names, where)
+            raise _ambiguity_error(role, found, headings, names, where)
         if found:
             chosen[role] = found[0]
     for role, needed, none in (
@@ -231,7 +231,7 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
         ("x", "v" not in chosen, "a column of velocity, v"),
     ):
         if needed and role not in chosen:
-            raise _unknown(role, none, headings, set(chosen.values()), where)
+            raise _missing_role_error(role, none, headings, set(chosen.values()), where)
     for a, b in itertools.combinations(chosen, 2):
         if chosen[a] == chosen[b]:
             raise ValueError(f"{where}: column {headings[chosen[a]]!r} serves as both {a} and {b}")
@@ -242,13 +242,13 @@ def _usual_columns(
     role: str, headings: list[str], names: list[str], chosen: dict[str, int], timed: bool | None
 ) -> list[int]:
     """Columns that may play a role by their names, or by their units where one must play it."""
-    found = _in_best_unit(role, _same_joint(named(role, names), names, chosen), headings)
+    found = _in_best_unit(role, _same_joint(columns_by_name(role, names), names, chosen), headings)
     if role not in ROLES[:3]:  # only what is beyond doubt, by name and unit
         sure = [k for k in found if k not in chosen.values()]
         sure = [k for k in sure if _fits(role, split_header(headings[k])[1])]
         return sure if len(found) == 1 else []
     if not found and _may_be_guessed(role, timed, names):
-        return _guessed(role, headings, set(chosen.values()))
+        return _columns_by_unit(role, headings, set(chosen.values()))
     return found
 
 
@@ -266,13 +266,13 @@ def _in_best_unit(role: str, found: list[int], headings: list[str]) -> list[int]
 
 def _may_be_guessed(role: str, timed: bool | None, names: list[str]) -> bool:
     """Whether a source must have a column of this role."""
-    return {"t": timed is not False, "x": not named("v", names)}.get(role, True)
+    return {"t": timed is not False, "x": not columns_by_name("v", names)}.get(role, True)
 
 
-def _guessed(role: str, headings: list[str], taken: set[int]) -> list[int]:
+def _columns_by_unit(role: str, headings: list[str], taken: set[int]) -> list[int]:
     """Columns that a letter of physics, or else a unit, shows to play a role."""
     parts = [split_header(heading) for heading in headings]
-    free = [k for k in range(len(headings)) if k not in taken and not meaning(parts[k][0])[0]]
+    free = [k for k in range(len(headings)) if k not in taken and not parse_heading(parts[k][0])[0]]
     free = [k for k in free if not _is_derived(parts[k][0])]
     letters = [k for k in free if _SYMBOLS.get(parts[k][0].strip().casefold()) == role]
     letters = [k for k in letters if _fits(role, parts[k][1])]
@@ -286,11 +286,11 @@ def _guessed(role: str, headings: list[str], taken: set[int]) -> list[int]:
     return []
 
 
-def _several(
+def _ambiguity_error(
     role: str, found: list[int], headings: list[str], names: list[str], where: str
 ) -> RefusalError:
     """The error for several columns that could play a role, with a line for each."""
-    joints = [meaning(names[k])[2] for k in found]
+    joints = [parse_heading(names[k])[2] for k in found]
     several = len(set(joints)) == len(found)
     first = joints[0] if several and joints[0] else ""
     joint: Any = int(first) if first.isdigit() else first
@@ -305,29 +305,29 @@ def _several(
     )
 
 
-def _likely(role: str, heading: str) -> bool:
+def _suits_role(role: str, heading: str) -> bool:
     """Whether the first or last word of a heading, and its unit, suit a role."""
     name, unit = split_header(heading)
-    words = re.findall(r"[^\W\d_]+", worded(name))
+    words = re.findall(r"[^\W\d_]+", normalize_heading(name))
     stems = {"u": "drive", "x": "position"}
     suited = _SAID["stems"][stems[role]] if role in stems else ("time", "timestamp", "stamp")
     ends = set(words[-1:]) | (set(words[:1]) if len("".join(words[1:])) < 3 else set())
-    return bool(ends & set(suited)) and _fits(role, unit) and meaning(name)[0] in ("", role)
+    return bool(ends & set(suited)) and _fits(role, unit) and parse_heading(name)[0] in ("", role)
 
 
-def _unknown(
+def _missing_role_error(
     role: str, none: str, headings: list[str], taken: set[int], where: str
 ) -> RefusalError:
     """The error for a role that no column is recognised to play."""
     free = [h.strip() for k, h in enumerate(headings) if k not in taken and h.strip()]
-    likely = [h for h in free if _likely(role, h)]
+    likely = [h for h in free if _suits_role(role, h)]
     mend: dict[str, Any] = {"columns": {role: likely[0] if likely else ...}}
     if role == "t" and not likely:
         mend = {"rate": ...}
-    elif role == "u" and all(meaning(split_header(h)[0])[0] for h in free):
+    elif role == "u" and all(parse_heading(split_header(h)[0])[0] for h in free):
         mend = {"columns": {"u": None}}
     return RefusalError(
-        f"{where}: no column recognised as {role}; available: {_listing(headings)}. "
+        f"{where}: no column recognised as {role}; available: {_list_headings(headings)}. "
         f'Say which it is: columns={{"{role}": ...}}, or give {none} if there is none'
         + see("howto/read_csv"),
         **mend,
@@ -353,7 +353,7 @@ def _checked_columns(columns: Any) -> Mapping[str, str | int | None]:
 
 def _meant(heading: Any) -> str:
     """The channel that the heading of a column names, for the end of a message."""
-    role = meaning(split_header(str(heading))[0])[0]
+    role = parse_heading(split_header(str(heading))[0])[0]
     return f". Did you mean {role!r}, the channel that {heading!r} is?" if role else ""
 
 
@@ -373,10 +373,12 @@ def _of_joint(names: list[str], joint: str, where: str) -> list[str]:
     sides = (r"(?<!\d)", r"(?!\d)") if joint.isdigit() else (r"(?<![^\W_])", r"(?![^\W_])")
     pattern = re.compile(sides[0] + re.escape(joint) + sides[1], re.IGNORECASE)
     if not any(map(pattern.search, names)):
-        raise ValueError(f"{where} has no column of joint {joint!r}; available: {_listing(names)}")
+        raise ValueError(
+            f"{where} has no column of joint {joint!r}; available: {_list_headings(names)}"
+        )
     out = []
     for name in names:
-        if meaning(name)[0] == "t" or (pattern.search(name) and joint.isdigit()):
+        if parse_heading(name)[0] == "t" or (pattern.search(name) and joint.isdigit()):
             out.append(name)
         else:
             out.append(pattern.sub("", name).strip(" _./:()[]-") * bool(pattern.search(name)))
@@ -385,18 +387,18 @@ def _of_joint(names: list[str], joint: str, where: str) -> list[str]:
 
 def _same_joint(found: list[int], names: list[str], chosen: Mapping[str, int]) -> list[int]:
     """Of several columns those of the joint of which others were chosen."""
-    joints = {joint for k in chosen.values() if (joint := meaning(names[k])[2])}
-    same = [k for k in found if meaning(names[k])[2] in joints]
+    joints = {joint for k in chosen.values() if (joint := parse_heading(names[k])[2])}
+    same = [k for k in found if parse_heading(names[k])[2] in joints]
     return same if len(found) > 1 and same else found
 
 
 def left_out(headings: list[str], chosen: Mapping[str, int]) -> tuple[str, ...]:
     """Notes that name the columns of a source that play no role, and a unit that hindered one."""
     rest = [h for k, h in enumerate(headings) if k not in chosen.values() and h]
-    notes = [f"left out: {_listing(rest)}"] if rest else []
+    notes = [f"left out: {_list_headings(rest)}"] if rest else []
     for heading in rest:
         name, unit = split_header(heading)
-        role = meaning(name)[0]
+        role = parse_heading(name)[0]
         if role in EXTRAS and role not in chosen and unit and known_unit(unit) is None:
             notes.append(
                 f"the unit of {heading.strip()!r} is not known; to read it, "
@@ -405,14 +407,14 @@ def left_out(headings: list[str], chosen: Mapping[str, int]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def guesses(headings: list[str], chosen: Mapping[str, int], wanted: Wanted) -> tuple[str, ...]:
+def guess_notes(headings: list[str], chosen: Mapping[str, int], wanted: Wanted) -> tuple[str, ...]:
     """Notes on columns that were taken by a letter or a unit, not by a name."""
     notes = []
     for role in [role for role in ROLES if role in chosen and role not in (wanted.columns or {})]:
         heading = headings[chosen[role]].strip()
         name, unit = split_header(heading)
         found = known_unit(unit)
-        if wanted.joint is not None or meaning(name)[0] == role:
+        if wanted.joint is not None or parse_heading(name)[0] == role:
             continue
         if _SYMBOLS.get(name.strip().casefold()) == role:
             notes.append(f"{heading!r} taken as {role}: by its letter")
@@ -447,25 +449,29 @@ def _find_column(role: str, wanted: Any, headings: list[str], names: list[str], 
         if candidates:
             return candidates[0]
     raise ValueError(
-        f"columns[{role!r}] = {wanted!r} is not in {where}; available: {_listing(headings)}"
+        f"columns[{role!r}] = {wanted!r} is not in {where}; available: {_list_headings(headings)}"
         + did_you_mean(wanted, names)
     )
 
 
-def named(role: str, names: list[str]) -> list[int]:
+def columns_by_name(role: str, names: list[str]) -> list[int]:
     """Columns of the first group of usual names of which there are any; plain names go first."""
-    means = [meaning(n) for n in names]
+    means = [parse_heading(n) for n in names]
     for plain in (True, False):
         for usual in NAMES[role]:
             found = [k for k, (of, name, _) in enumerate(means) if of == role and name in usual]
             if plain:
-                found = [k for k in found if means[k][1] in (worded(names[k]), names[k].casefold())]
+                found = [
+                    k
+                    for k in found
+                    if means[k][1] in (normalize_heading(names[k]), names[k].casefold())
+                ]
             if found:
                 return found
     return []
 
 
-def _listing(headings: list[str]) -> str:
+def _list_headings(headings: list[str]) -> str:
     shown = ", ".join(repr(h[:40]) for h in headings[:20]) or "none"
     return shown + (f" and {len(headings) - 20} more" if len(headings) > 20 else "")
 
@@ -499,7 +505,7 @@ def to_si(found: Channels, gain: Gain, declared: Any = None) -> Channels:
         factor, unit, si, done = _conversion(role, unit, said, scaling, found.where)
         notes += done
         if factor != 1:
-            values[role] = scaled(values[role], factor)
+            values[role] = scale_values(values[role], factor)
         if factor != 1 or (unit and unit != si):
             before = raw.get(role, (unit, 1.0))
             raw[role] = (before[0], before[1] * factor)
@@ -568,7 +574,7 @@ def _check_gain(role: str, unit: str, said: str, own: float, where: str) -> None
         )
 
 
-def scaled(values: Any, factor: float) -> Any:
+def scale_values(values: Any, factor: float) -> Any:
     """Values times factor; what cannot be scaled is left to be judged later."""
     array = np.asarray(values)
     if array.dtype.kind not in "iuf":

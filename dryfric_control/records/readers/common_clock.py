@@ -9,7 +9,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.records.readers.channels import Channels
-from dryfric_control.records.staircase import staircase
+from dryfric_control.records.staircase import find_staircase
 from dryfric_control.units import si_unit
 
 # Part of the step of the position that the step of an input may be shorter before it is averaged.
@@ -46,7 +46,7 @@ def with_own_clocks(found: Channels, hold: str) -> Channels:
         clocks = dict.fromkeys(arrays, t)
     elif hold == "first" and "u" in arrays and there["u"].all() and t.size > 1:
         # The rows on which a held input changes are those on which it was read.
-        steps = staircase(arrays["u"].astype(np.float64), 0.0)
+        steps = find_staircase(arrays["u"].astype(np.float64), 0.0)
         if steps is not None:
             clocks = dict.fromkeys(arrays, t)
             clocks["u"] = np.interp(steps.reads, np.arange(t.size), t.astype(np.float64))
@@ -67,9 +67,10 @@ def on_position_clock(found: Channels, hold: str, needed: tuple[str, ...] = ()) 
     if not found.clocks:
         return found
     base = "x" if "x" in found.values else "v"
-    origin = _origin(found.clocks.values())
+    origin = _first_stamp(found.clocks.values())
     read = {
-        role: _readings(found.clocks[role], values, origin) for role, values in found.values.items()
+        role: _sort_readings(found.clocks[role], values, origin)
+        for role, values in found.values.items()
     }
     if any(len(one.stamps) < 2 for one in read.values()):
         short = next(role for role, one in read.items() if len(one.stamps) < 2)
@@ -94,7 +95,7 @@ def on_position_clock(found: Channels, hold: str, needed: tuple[str, ...] = ()) 
         if role == base or np.array_equal(one.stamps, clock):
             values[role] = one.values[inside]
         elif role in must or (one.stamps[0] <= grid[0] and grid[-1] <= one.stamps[-1] + one.step):
-            values[role], how = _brought(role, one, grid, hold)
+            values[role], how = _resample_channel(role, one, grid, hold)
             own, its = (f"{1e3 * factor * readings.step:.4g} ms" for readings in (one, read[base]))
             notes.append(f"{role}, read every {own}, {how} onto the clock of {base}, every {its}")
     if lost := int((~inside).sum()):
@@ -102,14 +103,14 @@ def on_position_clock(found: Channels, hold: str, needed: tuple[str, ...] = ()) 
     return replace(found, values=values, clocks={}, notes=(*found.notes, *notes))
 
 
-def _origin(clocks: Any) -> int | float:
+def _first_stamp(clocks: Any) -> int | float:
     """First of the whole stamps, 0 where all are in floating point."""
     firsts = [np.asarray(one).min() for one in clocks if len(one)]
     whole = [int(one) for one in firsts if one.dtype.kind in "iu"]
     return min(whole) if whole else 0.0
 
 
-def _readings(stamps: Any, values: Any, origin: int | float) -> _Readings:
+def _sort_readings(stamps: Any, values: Any, origin: int | float) -> _Readings:
     """Numbers of a channel in order of time, without those that are missing or come twice."""
     when = np.asarray(stamps)
     with np.errstate(invalid="ignore"):  # a stamp that is no number is left out below
@@ -125,20 +126,22 @@ def _readings(stamps: Any, values: Any, origin: int | float) -> _Readings:
     return _Readings(since[first], array[first])
 
 
-def _brought(role: str, one: _Readings, grid: Floats, hold: str) -> tuple[Any, str]:
+def _resample_channel(role: str, one: _Readings, grid: Floats, hold: str) -> tuple[Any, str]:
     """A channel at other moments, and how it came there."""
     stamps, values = one
     if role == "u" and hold == "zero":
         step = float(np.median(np.diff(grid)))
         if one.step < _FASTER * step:
             return _means(stamps, values, grid, step), "averaged over each step"
-        return _held(stamps, values, grid, 1e-6 * step), 'held (hold="first": straight lines)'
+        return _hold_values(
+            stamps, values, grid, 1e-6 * step
+        ), 'held (hold="first": straight lines)'
     if role != "u" and values.dtype.kind in "iu":
-        return _held(stamps, values, grid, 0.0), "held"
+        return _hold_values(stamps, values, grid, 0.0), "held"
     return np.interp(grid, stamps, values.astype(np.float64)), "brought along straight lines"
 
 
-def _held(stamps: Floats, values: Any, grid: Floats, slack: float) -> Any:
+def _hold_values(stamps: Floats, values: Any, grid: Floats, slack: float) -> Any:
     """The last value before each moment."""
     last = np.searchsorted(stamps, grid + slack, side="right") - 1
     return values[np.maximum(last, 0)]

@@ -21,7 +21,7 @@ def too_long(where: str, max_rows: int) -> str:
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def silence_libraries() -> Iterator[None]:
     """Libraries log what they make of a damaged file; what a user must know is in the error."""
     before = logging.root.manager.disable
     logging.disable(logging.WARNING)
@@ -35,7 +35,7 @@ def quiet() -> Iterator[None]:
 def refused_if_damaged(path: Path, what: str) -> Iterator[None]:
     """Whatever a library raises on a damaged file, as one error that names it."""
     try:
-        with quiet():
+        with silence_libraries():
             yield
     except ImportError:
         raise

@@ -41,7 +41,7 @@ class LogFile(Mapping[str, Channel], ABC):
     3. `_open` opens the file and returns the headings: the names that the library gives, joined by
        "." or "/", with the unit in brackets where the file states one. Of equal names each gets
        what tells it apart in front.
-    4. `_channel` returns one channel on its own clock, as it is stored: not resampled, not
+    4. `_read_channel` returns one channel on its own clock, as it is stored: not resampled, not
        interpolated, integers as integers. Stamps are whole ns where the file has whole ones.
     5. Whatever the library raises on a damaged file becomes one error; a `ValueError` of your own
        goes through with its words. Refuse what the library would get wrong in silence, and say how
@@ -61,7 +61,7 @@ class LogFile(Mapping[str, Channel], ABC):
         self.path = path
         self.wanted = wanted
         self.hint = ""
-        libraries = [imported(module, self.extra, path) for module in self.modules]
+        libraries = [import_optional(module, self.extra, path) for module in self.modules]
         with refused_if_damaged(path, self.kind):
             self.headings = self._open(*libraries)
         if not self.headings:
@@ -72,12 +72,12 @@ class LogFile(Mapping[str, Channel], ABC):
         """Open the file; the headings of its channels."""
 
     @abstractmethod
-    def _channel(self, heading: str) -> Channel:
+    def _read_channel(self, heading: str) -> Channel:
         """One channel on its own clock."""
 
     def __getitem__(self, heading: str) -> Channel:
         with refused_if_damaged(self.path, self.kind):
-            channel = self._channel(heading)
+            channel = self._read_channel(heading)
         if len(channel.values) > self.wanted.max_rows:
             raise ValueError(too_long(self.path.name, self.wanted.max_rows))
         return channel
@@ -125,7 +125,7 @@ class MessageLog(LogFile):
             self.hint = f"; without values in this log: {', '.join(sorted(empty)[:10])}"
         return list(self._place)
 
-    def _channel(self, heading: str) -> Channel:
+    def _read_channel(self, heading: str) -> Channel:
         sent, arrivals, values = zip(*self._rows[self._place[heading]], strict=True)
         own = np.array(sent, np.int64) if all(sent) else None
         return Channel(np.array(values), np.array(arrivals, np.int64), sent=own)
@@ -137,7 +137,7 @@ def _stamp(fields: dict[str, float]) -> int:
     return 1_000_000_000 * int(parts[0]) + int(parts[1])
 
 
-def imported(module: str, extra: str, path: Path) -> Any:
+def import_optional(module: str, extra: str, path: Path) -> Any:
     """A library that an extra installs, or an error with the line to type."""
     try:
         return importlib.import_module(module)

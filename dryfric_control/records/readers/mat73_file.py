@@ -10,7 +10,7 @@ import numpy as np
 
 from dryfric_control.records.readers.channels import Wanted
 from dryfric_control.records.readers.limits import refused_if_damaged, too_long
-from dryfric_control.records.readers.log_file import imported
+from dryfric_control.records.readers.log_file import import_optional
 
 _KIND = "MAT-file of version 7.3; save(..., '-v7') writes the plainer version"
 _DEEPEST = 8
@@ -24,7 +24,7 @@ def read_mat73(path: Path, wanted: Wanted) -> dict[str, Any]:
     Arrays are stored transposed, text as numbers of 16 bits, an object such as a timeseries as
     numbers that point elsewhere: none of them is taken for a channel.
     """
-    h5py = imported("h5py", "mat73", path)
+    h5py = import_optional("h5py", "mat73", path)
     objects: list[str] = []
     table: dict[str, Any] = {}
     with refused_if_damaged(path, _KIND), h5py.File(path, "r") as file:

@@ -79,7 +79,7 @@ def _variables(data: bytes) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for kind, payload in _elements(memoryview(data)[128:], order):
         if kind == _COMPRESSED:
-            payload = _inflated(payload, order, room)
+            payload = _decompress(payload, order, room)
             room -= len(payload)
             kind, payload = next(_elements(payload, order), (0, payload))
         if kind == _MATRIX:
@@ -89,7 +89,7 @@ def _variables(data: bytes) -> dict[str, Any]:
     return found
 
 
-def _inflated(payload: memoryview, order: str, room: int) -> memoryview:
+def _decompress(payload: memoryview, order: str, room: int) -> memoryview:
     """A compressed variable, refused by the size it claims before it is unpacked."""
     unpack = zlib.decompressobj()
     head = unpack.decompress(payload, 8)

@@ -34,7 +34,7 @@ class McapLog(MessageLog):
         ros2 = _ros2()
         with _NoLonger(io.FileIO(self.path)) as file:
             for schema, channel, message in libraries[0].make_reader(file).iter_messages():
-                content = _content(schema, channel, message, ros2)
+                content = _decode_message(schema, channel, message, ros2)
                 yield channel.topic, message.log_time, content
 
 
@@ -47,7 +47,7 @@ def _ros2() -> Any:
     return DecoderFactory()
 
 
-def _content(schema: Any, channel: Any, message: Any, ros2: Any) -> Any:
+def _decode_message(schema: Any, channel: Any, message: Any, ros2: Any) -> Any:
     """Decoded message, None where nothing here decodes it."""
     if channel.message_encoding == "json":
         return json.loads(message.data)

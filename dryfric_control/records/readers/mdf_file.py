@@ -41,7 +41,7 @@ class MdfFile(LogFile):
                 self._place.setdefault(f"{name} [{unit}]" if unit else name, (k, j))
         return list(self._place)
 
-    def _channel(self, heading: str) -> Channel:
+    def _read_channel(self, heading: str) -> Channel:
         group, index = self._place[heading]
         signal = self._file.get(group=group, index=index)
         values = np.asarray(signal.samples)

@@ -47,7 +47,7 @@ def read_as(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         while len(reasons) < _MOST_REASONS and mend and ... not in _plain_values(mend):
-            given = _merged(given, mend)
+            given = _merge_options(given, mend)
             try:
                 _read(record, source, gain=gain, **given)
                 mend = {}
@@ -59,7 +59,7 @@ def read_as(
             except ValueError as problem:
                 reasons.append(str(problem))
                 mend = {}
-    line = _line(source, _merged(given, mend), gain)
+    line = _line(source, _merge_options(given, mend), gain)
     if len(reasons) == 1:
         raise RefusalError(f"{said.removesuffix('.')}. Read it by {line}", **mend)
     listed = "".join(f"\n  {k}. {reason}" for k, reason in enumerate(reasons, 1))
@@ -106,7 +106,7 @@ def _read(
         mend = problem.mend if isinstance(problem, RefusalError) else {}
         raise RefusalError(f"{Path(source).name}: {problem}", **mend) from None
     if found.masked and len(found.masked) == len(made.masked.reasons):
-        return made._with(masked=made.masked._replace(reasons=found.masked))
+        return made._derive(masked=made.masked._replace(reasons=found.masked))
     return made
 
 
@@ -173,7 +173,7 @@ def _plain_values(mend: Mapping[str, Any]) -> list[Any]:
     return [value for values in inner for value in values]
 
 
-def _merged(given: Mapping[str, Any], mend: Mapping[str, Any]) -> dict[str, Any]:
+def _merge_options(given: Mapping[str, Any], mend: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments with more of them; what is told by channel is added."""
     out = dict(given)
     for key, value in mend.items():
@@ -183,21 +183,25 @@ def _merged(given: Mapping[str, Any], mend: Mapping[str, Any]) -> dict[str, Any]
 
 def _line(source: Any, given: Mapping[str, Any], gain: Gain) -> str:
     """A call of `read_record` to copy."""
-    words = [_shown(source) if isinstance(source, (str, os.PathLike)) else "source"]
+    words = [_argument_text(source) if isinstance(source, (str, os.PathLike)) else "source"]
     usual = isinstance(gain, (float, Scaling)) and gain in (1.0, Scaling())
     shown = {**given, "gain": None if usual else gain}
     for key, value in shown.items():
         if value is not None and (key, value) not in _USUAL:
-            words.append(f"{key}={_shown(value)}")
+            words.append(f"{key}={_argument_text(value)}")
     return f"read_record({', '.join(words)})"
 
 
-def _shown(value: Any) -> str:
+def _argument_text(value: Any) -> str:
     """An argument as one types it."""
     if value is ...:
         return "..."
     if isinstance(value, (str, os.PathLike)):
         return json.dumps(os.fspath(value), ensure_ascii=False)
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_shown(k)}: {_shown(v)}" for k, v in value.items()) + "}"
+        return (
+            "{"
+            + ", ".join(f"{_argument_text(k)}: {_argument_text(v)}" for k, v in value.items())
+            + "}"
+        )
     return repr(value)

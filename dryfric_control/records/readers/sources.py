@@ -46,13 +46,13 @@ def read_channels(
         found = _of_file(_bag_or_file(source), wanted)
     elif isinstance(source, Mapping):
         table = _with_files({str(k): v for k, v in source.items()}, most)
-        found = _selected(table, Channels("the mapping"), wanted)
+        found = _select_columns(table, Channels("the mapping"), wanted)
     elif _is_frame(source):
         kept = Channels("the data frame")
         if (meta := getattr(source, "attrs", {}).get("dryfric_control")) is not None:
             damaged = "the data frame: attrs['dryfric_control'] is damaged; remove it"
             kept = replace(kept, **channels.own_notes(meta, damaged))
-        found = _selected(frame_columns(source), kept, wanted, listed=not kept.raw)
+        found = _select_columns(frame_columns(source), kept, wanted, listed=not kept.raw)
     else:
         raise ValueError(
             f"source must be a path, a data frame or a mapping of arrays, got {short(source)}"
@@ -86,13 +86,13 @@ def _of_file(path: Path, wanted: Wanted) -> Channels:
     if suffix in SUFFIXES:
         return read_text(path, start, wanted)
     if packed or suffix not in _TABLES:
-        raise ValueError(_unsupported(path))
+        raise ValueError(_unsupported_text(path))
     table = _TABLES[suffix](path, wanted)
     if not isinstance(table, LogFile):
-        return _selected(table, start, wanted, listed=True)
+        return _select_columns(table, start, wanted, listed=True)
     with closing(table):
         try:
-            return _selected(table, start, wanted, listed=True)
+            return _select_columns(table, start, wanted, listed=True)
         except RefusalError as problem:
             raise RefusalError(f"{problem}{table.hint}", **problem.mend) from None
 
@@ -116,7 +116,7 @@ def _with_unit_of_time(found: Channels, units: Any) -> Channels:
     return replace(found, units={**found.units, "t": epoch.unit}, notes=(*found.notes, note))
 
 
-def _selected(
+def _select_columns(
     table: Mapping[str, Any], start: Channels, wanted: Wanted, listed: bool = False
 ) -> Channels:
     """The columns of a table that play a role; if listed, the others are noted."""
@@ -124,7 +124,7 @@ def _selected(
     unnamed = all(h.isdigit() for h in headings)  # columns of an array
     known = [""] * len(headings) if unnamed else headings
     if isinstance(table, LogFile):
-        return _of_log(table, start, wanted)
+        return _select_log_channels(table, start, wanted)
     chosen = channels.assign_columns(known, wanted, start.where)
     _drop_unusable(chosen, table, headings, named)
     values = {role: table[headings[k]] for role, k in chosen.items()}
@@ -140,13 +140,13 @@ def _selected(
     # The EMPS layout, unless the caller names the input himself.
     if played == ["vir", "qm"] and "u" not in named and gtau.size == 1 and gtau.dtype.kind in "iuf":
         factor = float(gtau[0])
-        values["u"] = channels.scaled(values["u"], factor)
+        values["u"] = channels.scale_values(values["u"], factor)
         usual = {"t": "s", "u": "N", "x": "m", "reference": "m"}
         units = {role: usual.get(role, unit) for role, unit in units.items()}
         notes += (f"u = gtau * vir with gtau = {factor:g} N/V",)
     elif listed:
         notes += channels.left_out(headings, chosen)
-    notes += channels.guesses(known, chosen, wanted)
+    notes += channels.guess_notes(known, chosen, wanted)
     return replace(start, values=values, units=units, notes=notes)
 
 
@@ -160,7 +160,7 @@ def _drop_unusable(
                 del chosen[role]
 
 
-def _of_log(log: LogFile, start: Channels, wanted: Wanted) -> Channels:
+def _select_log_channels(log: LogFile, start: Channels, wanted: Wanted) -> Channels:
     """Chosen channels of a log, each with its own clock."""
     headings, named = log.headings, wanted.columns or {}
     # Each channel has a clock; a channel of time is one only where the caller says so.
@@ -186,7 +186,7 @@ def _of_log(log: LogFile, start: Channels, wanted: Wanted) -> Channels:
         units["t"] = channels.split_header(headings[own])[1]
     values = {role: one.values for role, one in found.items()}
     notes = start.notes + channels.left_out(headings, chosen)
-    notes += channels.guesses(headings, chosen, wanted)
+    notes += channels.guess_notes(headings, chosen, wanted)
     return replace(start, values=values, units=units, notes=notes, clocks=clocks)
 
 
@@ -240,7 +240,7 @@ def _with_files(table: dict[str, Any], max_rows: int) -> dict[str, Any]:
     return out
 
 
-def _unsupported(path: Path) -> str:
+def _unsupported_text(path: Path) -> str:
     mend = {
         ".json": "read_bam() reads BAM logs, and objects, one a line, are read as .jsonl; "
         "otherwise load it and pass a dict of arrays",
@@ -288,17 +288,19 @@ def frame_columns(frame: Any) -> dict[str, Any]:
         if str(label) in table:
             raise ValueError(f"the data frame has two columns {str(label)!r}; rename one")
         series = frame.iloc[:, k] if hasattr(frame, "iloc") else frame[k if arrow else label]
-        table[str(label)] = _plain(series)
+        table[str(label)] = _column_values(series)
     index = getattr(frame, "index", None)
-    if index is not None and not channels.named("t", [channels.split_header(h)[0] for h in table]):
+    if index is not None and not channels.columns_by_name(
+        "t", [channels.split_header(h)[0] for h in table]
+    ):
         label = str(index.name) if index.name is not None else "t"
-        timed = bool(channels.named("t", [channels.split_header(label)[0]]))
+        timed = bool(channels.columns_by_name("t", [channels.split_header(label)[0]]))
         if label not in table and (index.dtype.kind in "mMf" or (timed and label.lower() != "t")):
-            table[label if timed else "t"] = _plain(index)
+            table[label if timed else "t"] = _column_values(index)
     return table
 
 
-def _plain(series: Any) -> Any:
+def _column_values(series: Any) -> Any:
     """Values of a column; dates of any time zone as those of UTC."""
     try:
         if getattr(getattr(series, "dtype", None), "tz", None) is not None:

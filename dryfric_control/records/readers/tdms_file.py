@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dryfric_control.arrays import Ints
-from dryfric_control.records.readers.channels import meaning, split_header
+from dryfric_control.records.readers.channels import parse_heading, split_header
 from dryfric_control.records.readers.limits import BoundedFile
 from dryfric_control.records.readers.log_file import Channel, LogFile
 
@@ -35,7 +35,7 @@ class TdmsFile(LogFile):
 
     def _open(self, *libraries: Any) -> list[str]:
         nptdms, reader = libraries
-        self._timings = _timings(reader.TdmsReader, self.path)
+        self._timings = _read_timings(reader.TdmsReader, self.path)
         self._bytes = BoundedFile(self.path)
         self._file = nptdms.TdmsFile.open(self._bytes)
         groups = self._file.groups()
@@ -52,7 +52,7 @@ class TdmsFile(LogFile):
     def _add(self, group: Any, several: bool) -> None:
         """Channels of a group that have a time."""
         every = [one for one in group.channels() if len(one)]
-        times = (one for one in every if meaning(split_header(one.name)[0])[0] == "t")
+        times = (one for one in every if parse_heading(split_header(one.name)[0])[0] == "t")
         clock = next(times, None)
         for one in every:
             timed = one.path in self._timings
@@ -67,10 +67,10 @@ class TdmsFile(LogFile):
             self._channels[heading] = one
             self._clocks[heading] = None if timed else clock
 
-    def _channel(self, heading: str) -> Channel:
+    def _read_channel(self, heading: str) -> Channel:
         one, clock = self._channels[heading], self._clocks[heading]
         if clock is None:
-            return Channel(one[:], _track(self._timings[one.path], len(one)))
+            return Channel(one[:], _sample_stamps(self._timings[one.path], len(one)))
         times = clock[:]
         if times.dtype.kind == "M":
             return Channel(one[:], times.astype("M8[ns]").astype(np.int64))
@@ -82,7 +82,7 @@ class TdmsFile(LogFile):
         self._bytes.close()
 
 
-def _timings(reader: Any, path: Path) -> dict[str, list[_Timing]]:
+def _read_timings(reader: Any, path: Path) -> dict[str, list[_Timing]]:
     """Timings of each channel with an increment, in order of its samples."""
     found: dict[str, list[_Timing]] = {}
 
@@ -101,7 +101,7 @@ def _timings(reader: Any, path: Path) -> dict[str, list[_Timing]]:
                     continue
                 timing = _Timing(
                     self.before.get(name, 0),
-                    _nanoseconds(known.get("wf_start_time"))
+                    _start_in_ns(known.get("wf_start_time"))
                     + round(1e9 * float(known.get("wf_start_offset", 0.0))),
                     float(known["wf_increment"]),
                 )
@@ -113,7 +113,7 @@ def _timings(reader: Any, path: Path) -> dict[str, list[_Timing]]:
     return {name: every for name, every in found.items() if all(t.increment > 0.0 for t in every)}
 
 
-def _nanoseconds(start: Any) -> int:
+def _start_in_ns(start: Any) -> int:
     """Start of a channel in ns since 1970."""
     if start is None:
         return 0
@@ -121,7 +121,7 @@ def _nanoseconds(start: Any) -> int:
     return int(np.datetime64(moment, "ns").astype(np.int64))
 
 
-def _track(timings: list[_Timing], count: int) -> Ints:
+def _sample_stamps(timings: list[_Timing], count: int) -> Ints:
     """Stamps of the samples of a channel [ns]."""
     stamps = np.empty(count, np.int64)
     ends = [*(one.first for one in timings[1:]), count]

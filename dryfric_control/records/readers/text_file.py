@@ -105,7 +105,7 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
     text = _Text(path, wanted)
     parts: list[list[_Array]] = []
     above = rows = 0
-    content = _content(text)
+    content = _content_lines(text)
     chunk = list(itertools.islice(content, _CHUNK))
     while chunk:
         following = list(itertools.islice(content, _CHUNK))
@@ -128,7 +128,7 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
     data = {k: np.concatenate(column) for k, column in zip(text.columns, zip(*parts, strict=True),
                                                            strict=True)}  # fmt: skip
     values = {role: _column(data[k]) for role, k in text.chosen.items()}
-    clocks = _clocks(text, values, data)
+    clocks = _separate_clocks(text, values, data)
     for role in text.optional:
         lenient = wanted.lenient or clocks or text.lacking
         if not np.isfinite(values[role]).mean() > (0.8 if lenient else 1.0 - 1e-12):
@@ -143,14 +143,16 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
     if own := _own_notes(text):
         return replace(start, **own)
     notes = channels.left_out(text.headings, text.chosen) + text.factors
-    notes += channels.guesses(text.headings, text.chosen, wanted)
+    notes += channels.guess_notes(text.headings, text.chosen, wanted)
     if above > 1:
         lines, were = ("line", "was") if above == 2 else ("lines", "were")
         notes = (f"{above - 1} {lines} above the heading {were} skipped", *notes)
     return replace(start, notes=notes)
 
 
-def _clocks(text: _Text, values: dict[str, _Array], data: dict[int, _Array]) -> dict[str, _Array]:
+def _separate_clocks(
+    text: _Text, values: dict[str, _Array], data: dict[int, _Array]
+) -> dict[str, _Array]:
     """Stamps by channel where several columns of time differ, none where they do not."""
     if not text.clocks:
         return {}
@@ -162,7 +164,7 @@ def _clocks(text: _Text, values: dict[str, _Array], data: dict[int, _Array]) -> 
 
 def read_column(path: Path, max_rows: int) -> tuple[str, list[_Array]]:
     """Heading and the one or two columns of a file that holds one channel."""
-    content = itertools.islice(_content(_Text(path, Wanted())), max_rows + 2)
+    content = itertools.islice(_content_lines(_Text(path, Wanted())), max_rows + 2)
     rows = [(n, [c for c in re.split(r"[;,\t ]+", line.strip()) if c]) for n, line in content]
     if len(rows) > max_rows + 1:
         raise ValueError(too_long(path.name, max_rows))
@@ -196,7 +198,7 @@ def _open(path: Path) -> IO[str]:
     return opened(path, "rt", encoding=encoding, errors="surrogateescape")
 
 
-def _content(text: _Text) -> Iterator[tuple[int, str]]:
+def _content_lines(text: _Text) -> Iterator[tuple[int, str]]:
     """Lines of the content, and their numbers; comments above it go to the text."""
     name, begun = text.name, False
     try:
@@ -355,7 +357,7 @@ def _with_headings(text: _Text, chunk: _Lines, rows: list[list[str]], first: int
     above = [line for _, line in chunk[first:start]]
     trailing = all(len(row) > 1 and row[-1] == "" for row in last)
     if trailing and above:  # unless the empty column has a name
-        trailing = not any(_fitting(above[-1], text.delimiter, width, cut=False)[-1:])
+        trailing = not any(_heading_cells(above[-1], text.delimiter, width, cut=False)[-1:])
     width = len(rows[start] if start < len(rows) else rows[-1]) - trailing
     text.headings = _headings(above, text.comments, text.delimiter, width)
     if above and not any(text.headings):
@@ -373,7 +375,7 @@ def _tell_of_no_headings(text: _Text, line: str, width: int) -> None:
         )
     if len(names) > 1 and not text.wanted.columns:
         warn(
-            f"{text.name}: the line above the numbers, {_readable(line.strip())[:60]!r}, does not "
+            f"{text.name}: the line above the numbers, {_decode_latin(line.strip())[:60]!r}, does not "
             f"name each of the {width} columns: it is passed over, units too. Say what they are, "
             'columns={"t": 0, "u": 1, "x": 2} and units={"x": "..."}'
         )
@@ -382,25 +384,25 @@ def _tell_of_no_headings(text: _Text, line: str, width: int) -> None:
 def _headings(above: list[str], notes: list[str], delimiter: str | None, width: int) -> list[str]:
     """Names over the columns: of the last line above, with one of units, or a comment's."""
     # A heading may hold a "#"; in a row of numbers it starts a comment.
-    named = [_fitting(line, delimiter, width, cut=False) for line in above[-2:]]
+    named = [_heading_cells(line, delimiter, width, cut=False) for line in above[-2:]]
     if named and named[-1]:
         if len(named) == 2 and named[0] and all(not c or known_unit(c) for c in named[1]):
             return [f"{n} [{u}]" if u else n for n, u in zip(named[0], named[1], strict=True)]
         return named[-1]
     for line in reversed(notes[-20:]):
         for mark in (delimiter, None):
-            if found := _fitting(line.lstrip("#% "), mark, width):
+            if found := _heading_cells(line.lstrip("#% "), mark, width):
                 return found
     return [""] * width
 
 
-def _fitting(line: str, delimiter: str | None, width: int, cut: bool = True) -> list[str]:
+def _heading_cells(line: str, delimiter: str | None, width: int, cut: bool = True) -> list[str]:
     """Cells of a line of names, none if they are not as many as the columns."""
     lines: tuple[str, ...] = (line,) if cut else (line, line.partition("#")[0])
     if delimiter is None:  # a unit belongs to the word before it: Tempo (s) Forza (N m)
         lines += tuple(_UNIT.sub(lambda m: m[1] + m[2].replace(" ", "*"), one) for one in lines)
     for words in lines:
-        cells = [_readable(c) for c in _cells(words, delimiter, cut, width)]
+        cells = [_decode_latin(c) for c in _cells(words, delimiter, cut, width)]
         if len(cells) == width and not any(map(_is_number, cells)):
             return cells
     return []
@@ -444,7 +446,7 @@ def _cells(line: str, delimiter: str | None, cut: bool = True, width: int = -1) 
     return [c.strip() for c in cells]
 
 
-def _readable(cell: str) -> str:
+def _decode_latin(cell: str) -> str:
     """Text with bytes that are no UTF-8 read as Latin-1 (µ, °)."""
     if cell.isprintable():
         return cell

@@ -41,7 +41,7 @@ class UlogFile(LogFile):
                     self._topics[f"{name}.{field}"] = topic, field
         return list(self._topics)
 
-    def _channel(self, heading: str) -> Channel:
+    def _read_channel(self, heading: str) -> Channel:
         topic, field = self._topics[heading]
         return Channel(topic.data[field], topic.data["timestamp"], "us")
 

@@ -149,8 +149,8 @@ def parser() -> argparse.ArgumentParser:
         ("--jobs", int, "N", "joints in parallel, by default one a core", {"default": -1}),
         ("--axes", str, "FILE", "nominal axes, TOML with a table for each joint; default: inertia "
          "and friction of the model"),
-        ("--held", _held, "hand=0.3,..", "joints that do not move and are not in the log, with "
-         "their positions [rad or m], default: those of the model"),
+        ("--held", _parse_held, "hand=0.3,..", "joints that do not move and are not in the log, "
+         "with their positions [rad or m], default: those of the model"),
         ("--payload", _payloads, "hand=0.8,..", "masses that bodies carry beyond the model "
          "[kg]"),
         *_READING,
@@ -187,7 +187,7 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
-def _held(text: str) -> dict[str, float] | list[str]:
+def _parse_held(text: str) -> dict[str, float] | list[str]:
     """Positions by joint, or names of joints."""
     return _numbers("such as hand=0.3,gripper=0")(text) if "=" in text else _names(text)
 
@@ -275,19 +275,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         near = did_you_mean(unknown[0], chosen.own._option_string_actions)
         chosen.own.error(f"{' '.join(unknown)} is not known{near}")
     with warnings.catch_warnings():
-        warnings.showwarning = lambda message, *_, **__: _say(f"warning: {message}")
+        warnings.showwarning = lambda message, *_, **__: _print_message(f"warning: {message}")
         matplotlib.use("Agg")
         try:
             return chosen.run(chosen) or 0
         except (ValueError, OSError, ImportError) as problem:
-            _say(str(problem))
+            _print_message(str(problem))
             return 2
         except KeyboardInterrupt:
-            _say("interrupted")
+            _print_message("interrupted")
             return 130
 
 
-def _say(words: str) -> None:
+def _print_message(words: str) -> None:
     """Print an error or a warning in one line, with options for arguments."""
     words = " ".join(words.split())
     for pattern, option in _AS_OPTIONS:
@@ -299,12 +299,14 @@ def _demo(chosen: Namespace) -> None:
     demo.run(chosen.out, chosen.record, dt=chosen.dt)
 
 
-def _reading(chosen: Namespace, file: str | None) -> tuple[Scaling, dict[str, Any], dict[str, Any]]:
+def _read_options(
+    chosen: Namespace, file: str | None
+) -> tuple[Scaling, dict[str, Any], dict[str, Any]]:
     """Factors, sampling and knowledge of the options and of a file of axes."""
     scaling = Scaling() if file is None else Scaling.from_file(file)
-    scaling = replace(scaling, **_given(chosen, *(item.name for item in fields(Scaling))))
+    scaling = replace(scaling, **_given_options(chosen, *(item.name for item in fields(Scaling))))
     knowledge = {} if file is None else read_knowledge(file)
-    knowledge |= _given(chosen, "known", "tolerance", "time_limit", "window")
+    knowledge |= _given_options(chosen, "known", "tolerance", "time_limit", "window")
     checked_knowledge(knowledge.get("known", ()), knowledge.get("tolerance"))
     for name in ("time_limit", "window"):
         if name in knowledge:
@@ -313,10 +315,10 @@ def _reading(chosen: Namespace, file: str | None) -> tuple[Scaling, dict[str, An
     sampling = {} if file is None or chosen.rate is not None else read_sampling(file)
     if chosen.dt is not None:
         sampling.pop("rate", None)
-    return scaling, sampling | _given(chosen, "dt", "rate", "max_gap"), knowledge
+    return scaling, sampling | _given_options(chosen, "dt", "rate", "max_gap"), knowledge
 
 
-def _given(chosen: Namespace, *names: str) -> dict[str, Any]:
+def _given_options(chosen: Namespace, *names: str) -> dict[str, Any]:
     """Values of the options that were given, of some names."""
     found = {name: getattr(chosen, name) for name in names}
     return {name: value for name, value in found.items() if value is not None}
@@ -341,7 +343,7 @@ def _read_records(
 
 def _diagnose(chosen: Namespace) -> None:
     axis = None if chosen.axis is None else read_axis(chosen.axis)
-    scaling, sampling, knowledge = _reading(chosen, chosen.axis)
+    scaling, sampling, knowledge = _read_options(chosen, chosen.axis)
     records = _read_records(chosen, axis, "", gain=scaling, joint=chosen.joint, **sampling)
     if axis is None:
         axis = axis_from(records[0])
@@ -368,7 +370,7 @@ def _joints(chosen: Namespace) -> int:
         raise ValueError(f"--model {model} must be an MJCF (.xml) or URDF (.urdf) file")
     if chosen.axes is None and (not model or model.suffix.lower() != ".xml"):
         raise ValueError("give --axes, or an MJCF file as --model, which has nominal axes")
-    scaling, sampling, knowledge = _reading(chosen, chosen.axes)
+    scaling, sampling, knowledge = _read_options(chosen, chosen.axes)
     axes = axes_of(model) if chosen.axes is None else read_axes(chosen.axes)
     for name in chosen.joints or ():
         if name not in axes:
@@ -388,14 +390,16 @@ def _joints(chosen: Namespace) -> int:
     write_file(folder / "joints.json", json.dumps(found.to_dict(), indent=1))
     if model:
         kind = _SIMULATORS[model.suffix.lower()]
-        given = _given(chosen, "load", "stiff", "dialect") if kind == "mjcf" else {}
+        given = _given_options(chosen, "load", "stiff", "dialect") if kind == "mjcf" else {}
         put = getattr(simulators, f"to_{kind}")
         print(put(found, model, out=folder / model.name, **given).summary(), flush=True)
     for name, one in found.items():
         write_report(one, folder / name, scaling.to_dict() | sampling)
     print(f"joints.json and a report for each joint are in {folder}")
     if found.failed:
-        _say(f"not diagnosed: {', '.join(found.failed)}; the table and joints.json say why")
+        _print_message(
+            f"not diagnosed: {', '.join(found.failed)}; the table and joints.json say why"
+        )
     return 1 if found.failed else 0
 
 
@@ -426,9 +430,9 @@ def _arm(chosen: Namespace) -> int:
     kind = _SIMULATORS.get(model.suffix.lower())
     if kind not in ("mjcf", "urdf"):
         raise ValueError(f"--model {model} must be an MJCF (.xml) or URDF (.urdf) file")
-    scaling, sampling, knowledge = _reading(chosen, chosen.axes)
+    scaling, sampling, knowledge = _read_options(chosen, chosen.axes)
     axes = None if chosen.axes is None else read_axes(chosen.axes)
-    given = _given(chosen, "held", "payload", "units")
+    given = _given_options(chosen, "held", "payload", "units")
     folder = output_folder(chosen.out)
     found = diagnose_arm(
         model,
@@ -454,7 +458,7 @@ def _arm(chosen: Namespace) -> int:
 
 
 def _export(chosen: Namespace) -> None:
-    given = _given(chosen, "name", "dt", "precision", "version")
+    given = _given_options(chosen, "name", "dt", "precision", "version")
     for option, to in (("precision", "c"), ("version", "fmu")):
         if chosen.to != to and option in given:
             raise ValueError(f"--{option} {given[option]} is for --to {to}: leave it out")
@@ -478,7 +482,7 @@ def _simulator(chosen: Namespace) -> None:
         raise ValueError(
             f"--model {chosen.model} has no extension of {', '.join(_SIMULATORS)}: give --to"
         )
-    given = _given(chosen, "load", "stiff", "dialect", "out")
+    given = _given_options(chosen, "load", "stiff", "dialect", "out")
     for option, right in (
         ("load", "mjcf isaac"), ("stiff", "mjcf"), ("dialect", "mjcf"),
         ("out", "mjcf urdf modelica"),

@@ -31,7 +31,7 @@ def finite(name: str, value: object, *, unit: str = "") -> float:
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
         raise ValueError(
-            f"{name} must be a number{unit and f' in {unit}'}, got {short(value)}"
+            f"{name} must be a number{unit and f' in {unit}'}, got {describe_value(value)}"
         ) from None
     if not math.isfinite(number) or isinstance(value, (bool, np.bool_)):
         raise ValueError(f"{name} must be a finite number{unit and f' in {unit}'}, got {value!r}")
@@ -73,7 +73,9 @@ def whole(name: str, value: object, least: int = 1) -> int:
     """Convert to an integer not below `least`."""
     number = value if isinstance(value, (int, float, np.number)) else math.nan
     if isinstance(value, bool) or not number >= least or not float(number).is_integer():
-        raise ValueError(f"{name} must be a whole number of at least {least}, got {short(value)}")
+        raise ValueError(
+            f"{name} must be a whole number of at least {least}, got {describe_value(value)}"
+        )
     return int(number)
 
 
@@ -89,14 +91,15 @@ def instance(name: str, value: object, kind: type, mend: str = "") -> None:
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
         raise ValueError(
-            f"{name} must be {article} {kind.__name__}{mend and f' ({mend})'}, got {short(value)}"
+            f"{name} must be {article} {kind.__name__}{mend and f' ({mend})'}, "
+            f"got {describe_value(value)}"
         )
 
 
 def string(name: str, value: object) -> str:
     """Reject what is no text."""
     if not isinstance(value, str):
-        raise ValueError(f"{name} must be text, got {short(value)}")
+        raise ValueError(f"{name} must be text, got {describe_value(value)}")
     return value
 
 
@@ -109,7 +112,7 @@ def known_keys(name: str, given: Iterable[str], known: Iterable[str]) -> None:
             raise ValueError(f"{name}{key} is not known{near}; known are {', '.join(known)}")
 
 
-def short(value: object) -> str:
+def describe_value(value: object) -> str:
     """Description of a value for an error message: the value if short, else its type."""
     text = repr(value) if isinstance(value, (bool, int, float, str, type(None))) else ""
     return text if 0 < len(text) <= 60 else f"a value of type {type(value).__name__}"
@@ -122,7 +125,11 @@ def places(name: str, values: ArrayLike) -> Floats:
     except ValueError:  # rows of unequal length
         array = np.asarray(None)
     if array.dtype.kind not in "biuf":
-        kind = "complex ones: take the real part" if array.dtype.kind == "c" else short(values)
+        kind = (
+            "complex ones: take the real part"
+            if array.dtype.kind == "c"
+            else describe_value(values)
+        )
         raise ValueError(f"{name} must be an array of numbers, got {kind}")
     if np.ma.is_masked(values):
         raise ValueError(f"{name} holds masked values: fill or remove them first")

@@ -70,7 +70,7 @@ def made_record() -> tuple[dfc.FrictionAxis, dfc.Record, dfc.PositionController]
     return believed, record, controller
 
 
-def measured(
+def measured_record(
     path: str | os.PathLike[str], dt: float | None = None
 ) -> tuple[dfc.FrictionAxis, dfc.Record, dfc.PositionController | None]:
     """A rough axis for a measured record, the record, its controller where that is known."""
@@ -113,7 +113,7 @@ def fit_and_replay(
     return fitted, summary, figures
 
 
-def paper(say: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
+def paper_results(say: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, ct.ControlPlot]]:
     """The paper's sections 2, 3 (on a simulated bench) and 5: numbers, Figures 1 to 11."""
     say("3/4 The paper's figures: 1 to 3, friction, state machine, actuator and closed loop")
     axis = presets.clutch_actuator()
@@ -205,7 +205,9 @@ def run(
     dt: float | None = None,
 ) -> dict[str, Any]:
     """Run the demo: figures and a summary into a folder; without a record, of a simulated one."""
-    axis, record, controller = made_record() if record_path is None else measured(record_path, dt)
+    axis, record, controller = (
+        made_record() if record_path is None else measured_record(record_path, dt)
+    )
     folder = output_folder(out)
     say(ABOUT)
     say("1/4 Stick-slip of a mass pulled by a spring: stick_slip.png")
@@ -232,7 +234,7 @@ def run(
             f"RMS, force error {loop['force_rms']:.3g} N RMS ({percent(loop['relative_force'])} "
             "of the drive force)"
         )
-    numbers, drawn = paper(say)
+    numbers, drawn = paper_results(say)
     summary |= numbers
     write_file(folder / SYSTEM.name, SYSTEM.read_bytes())
     for name, figure in (figures | drawn).items():

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.checks import positive, string
-from dryfric_control.text import rotary_words, typeset
+from dryfric_control.text import rotary_words, typeset_signs
 
 #: Grey of measured dots and lines.
 MEASURED = "0.6"
@@ -117,7 +117,7 @@ def control_plot(axes: NDArray[Any]) -> PanelPlot:
         for label in (one.yaxis.label, *names):
             label.set_text(rotary_words(label.get_text(), unit))
         for label in (one.xaxis.label, one.yaxis.label):
-            label.set_text(typeset(label.get_text()))
+            label.set_text(typeset_signs(label.get_text()))
     return PanelPlot(lines, axes.reshape(-1, 1), axes[0].figure)
 
 
@@ -204,7 +204,7 @@ def legend_above(ax: Any) -> None:
     ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **look)
 
 
-def labelled(ax: Any, x: str = "", y: str = "", legend: bool = True) -> None:
+def label_axes(ax: Any, x: str = "", y: str = "", legend: bool = True) -> None:
     """Label the axes where a label is given, and put the legend above them."""
     if x:
         ax.set_xlabel(x)

@@ -53,7 +53,7 @@ class ProgressLine:
     ) -> None:
         self._title = title
         self._stream = sys.stderr if stream is None else stream
-        self._page = _notebook() if stream is None else None
+        self._page = _notebook_handle() if stream is None else None
         self.shown = self._stream.isatty() or self._page is not None if shown is None else shown
         self._clock = clock
         self._begun = clock()
@@ -87,19 +87,19 @@ class ProgressLine:
             self.draw()
         else:
             so_far = ", ".join(found) or "none"
-            _LOG.info("%s (%.1f s, causes so far: %s)", step, self.elapsed, so_far)
+            _LOG.info("%s (%.1f s, causes so far: %s)", step, self.elapsed_time, so_far)
 
     @property
-    def elapsed(self) -> float:
+    def elapsed_time(self) -> float:
         """Time since the beginning [s]."""
         return self._clock() - self._begun
 
     def text(self) -> str:
         """The line as it stands now."""
         so_far = ", ".join(self._found) or "none"
-        spent = _seconds(self.elapsed)
-        if self._expected is not None and self._expected > self.elapsed:
-            spent += f" of about {_seconds(self._expected)}"
+        spent = _duration_text(self.elapsed_time)
+        if self._expected is not None and self._expected > self.elapsed_time:
+            spent += f" of about {_duration_text(self._expected)}"
         return f"{self._title}: {self._step} | so far: {so_far} | {spent} s"
 
     def draw(self) -> None:
@@ -122,11 +122,11 @@ class ProgressLine:
             self.draw()
 
 
-def _seconds(time: float) -> str:
+def _duration_text(time: float) -> str:
     return f"{time:.1f}" if time < 10.0 else f"{time:.0f}"
 
 
-def _notebook() -> Any:
+def _notebook_handle() -> Any:
     """Handle of an output in a notebook; None elsewhere, in IPython's own terminal too."""
     # Other libraries import IPython too: only a running shell of a kernel has a page.
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from dryfric_control.checks import one_of
-from dryfric_control.text import typeset
+from dryfric_control.text import typeset_signs
 
 FORMS = ("latex", "csv", "markdown")
 
@@ -50,18 +50,22 @@ class Quantity(NamedTuple):
 Cell = str | Quantity
 
 
-def formatted(headings: Sequence[str], rows: Sequence[Sequence[Cell]], form: str) -> str:
+def format_table(headings: Sequence[str], rows: Sequence[Sequence[Cell]], form: str) -> str:
     """A table as text of one of `FORMS`; each row has a cell for each heading."""
     one_of("form", form, FORMS)
     if form == "csv":
         return _csv(headings, rows)
     if form == "latex":
-        return _latex(headings, rows)
-    lines = [headings, ["---"] * len(headings), *([_plain(cell) for cell in row] for row in rows)]
+        return _latex_table(headings, rows)
+    lines = [
+        headings,
+        ["---"] * len(headings),
+        *([_plain_cell(cell) for cell in row] for row in rows),
+    ]
     return "\n".join(f"| {' | '.join(cell.replace('|', '/') for cell in line)} |" for line in lines)
 
 
-def rounded(value: float, error: float | None) -> tuple[str, str, int]:
+def round_to_error(value: float, error: float | None) -> tuple[str, str, int]:
     """Value, its error in units of the last digit ("" for none), and a power of ten."""
     if error is None or not 0.0 < error < math.inf or not math.isfinite(value):
         mantissa, _, power = f"{value:.{_DIGITS - 1}e}".partition("e")
@@ -79,10 +83,10 @@ def rounded(value: float, error: float | None) -> tuple[str, str, int]:
     return f"{round(value / scale, -last):.{digits}f}", f"{uncertain:.0f}", exponent
 
 
-def _plain(cell: Cell) -> str:
+def _plain_cell(cell: Cell) -> str:
     if isinstance(cell, str):
         return cell
-    text, uncertain, power = rounded(cell.value, cell.error)
+    text, uncertain, power = round_to_error(cell.value, cell.error)
     unit = "" if cell.unit == "1" else f" {cell.unit}"
     if uncertain:
         digits = len(text.partition(".")[2])
@@ -90,12 +94,12 @@ def _plain(cell: Cell) -> str:
     if power:
         text = f"({text})e{power:+03d}" if uncertain else f"{text}e{power:+03d}"
     left = "" if cell.error is None or cell.error < math.inf else " (undetermined)"
-    return typeset(f"{text}{unit}{left}")
+    return typeset_signs(f"{text}{unit}{left}")
 
 
-def _latex(headings: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
+def _latex_table(headings: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
     body = [" & ".join(map(_latex_cell, row)) + r" \\" for row in rows]
-    head = " & ".join(map(_escaped, headings)) + r" \\"
+    head = " & ".join(map(_escape_latex, headings)) + r" \\"
     parts = [r"\toprule", head, r"\midrule", *body, r"\bottomrule"]
     columns = "l" * len(headings)
     begin = r"% \usepackage{booktabs, siunitx}", rf"\begin{{tabular}}{{{columns}}}"
@@ -104,16 +108,16 @@ def _latex(headings: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
 
 def _latex_cell(cell: Cell) -> str:
     if isinstance(cell, str):
-        return _escaped(cell)
-    text, uncertain, power = rounded(cell.value, cell.error)
+        return _escape_latex(cell)
+    text, uncertain, power = round_to_error(cell.value, cell.error)
     number = f"{text}{uncertain and f'({uncertain})'}{(power and f'e{power}') or ''}"
     left = "" if cell.error is None or cell.error < math.inf else " (undetermined)"
     if cell.unit == "1":
         return rf"\num{{{number}}}{left}"
-    return rf"\qty{{{number}}}{{{siunitx(cell.unit)}}}{left}"
+    return rf"\qty{{{number}}}{{{siunitx_unit(cell.unit)}}}{left}"
 
 
-def siunitx(unit: str) -> str:
+def siunitx_unit(unit: str) -> str:
     r"""A unit such as "N s/m" in the macros of siunitx, ``\newton\second\per\metre``."""
     top, _, below = unit.replace("(", "").replace(")", "").partition("/")
     found = []
@@ -123,12 +127,12 @@ def siunitx(unit: str) -> str:
             if name == "1":
                 continue
             if name not in _SIUNITX or power not in _POWERS:
-                return _escaped(unit)
+                return _escape_latex(unit)
             found.append(f"{before}{_SIUNITX[name]}{_POWERS[power]}")
     return "".join(found)
 
 
-def _escaped(text: str) -> str:
+def _escape_latex(text: str) -> str:
     return re.sub(r"[\\~^&%$#_{}]", lambda sign: _ESCAPED[sign[0]], text)
 
 

@@ -26,7 +26,7 @@ _SITE = "https://dryfric-control.github.io/dryfric-control"
 WIDTH = 100
 
 
-def wrapped(lines: Iterable[str]) -> str:
+def wrap_lines(lines: Iterable[str]) -> str:
     """Lines of at most 100 characters; what is left of a longer one stands under its own indent."""
     found = []
     for line in lines:
@@ -38,7 +38,7 @@ def wrapped(lines: Iterable[str]) -> str:
     return "\n".join(found)
 
 
-def see(page: str) -> str:
+def page_reference(page: str) -> str:
     """Where a message is explained: the address of a page of the documentation."""
     return f" ({_SITE}/{page}.html)"
 
@@ -64,11 +64,11 @@ def length_text(value: float, unit: str) -> str:
     """A small length with a readable prefix."""
     if abs(value) < 1e-13:  # round-off: no prefix makes it readable
         return f"{value:.0e} {unit}" if value else f"0 {unit}"
-    factor, unit = prefixed(value, unit)
+    factor, unit = prefix_unit(value, unit)
     return f"{value / factor:.3g} {unit}"
 
 
-def prefixed(value: float, unit: str) -> tuple[float, str]:
+def prefix_unit(value: float, unit: str) -> tuple[float, str]:
     """Factor and name of the unit with the prefix, if it takes one, that makes a value readable."""
     if unit.partition(" ")[0].partition("/")[0] not in _WITH_PREFIX:
         return 1.0, unit
@@ -78,7 +78,7 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     return 1e-9, f"n{unit}"
 
 
-def typeset(text: str) -> str:
+def typeset_signs(text: str) -> str:
     """Plain text with the signs that print has for it."""
     text = re.sub(r"\b(N m|N|kg) (?=[ms]\b)", lambda m: m[0].replace(" ", "\xb7"), text)
     text = re.sub(r"(?<=[\d\[]) ?u(m|rad)\b", lambda m: m[0].replace("u", "\xb5"), text)
@@ -112,7 +112,7 @@ def table(rows: Sequence[Sequence[str]], as_html: bool = False) -> str:
     if not as_html:
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
-    cells = [[html.escape(typeset(cell)) for cell in row] for row in rows]
+    cells = [[html.escape(typeset_signs(cell)) for cell in row] for row in rows]
     head = "".join(f'<th scope="col">{cell}</th>' for cell in cells[0])
     body = "".join("<tr><td>" + "</td><td>".join(row) + "</td></tr>" for row in cells[1:])
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
@@ -160,7 +160,7 @@ class Result:
     def summary(self) -> str:
         """What there is to see, in plain lines."""
         return "\n".join(
-            wrapped([one]) if isinstance(one, str) else table(one)
+            wrap_lines([one]) if isinstance(one, str) else table(one)
             for one in self._parts_in_axis_words()
         )
 
@@ -169,7 +169,9 @@ class Result:
 
     def _repr_html_(self) -> str:
         return "".join(
-            f"<p>{html.escape(typeset(one))}</p>" if isinstance(one, str) else table(one, True)
+            f"<p>{html.escape(typeset_signs(one))}</p>"
+            if isinstance(one, str)
+            else table(one, True)
             for one in self._parts_in_axis_words()
         )
 

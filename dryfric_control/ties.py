@@ -17,7 +17,7 @@ def above(a: ArrayLike, b: ArrayLike, least: float = 0.0) -> Bools:
     return np.asarray(np.asarray(a) > np.asarray(b) + NEAR * np.abs(b) + least)
 
 
-def ranked(values: ArrayLike, least: float = 0.0) -> list[int]:
+def stable_order(values: ArrayLike, least: float = 0.0) -> list[int]:
     """Indices from the smallest to the largest value, NaN last; equal ones in the given order."""
     numbers = np.nan_to_num(np.asarray(values, dtype=float), nan=np.inf, posinf=np.inf)
     found: list[int] = []

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from dryfric_control.order import check_drive_and_reading
-from dryfric_control.text import did_you_mean, see
+from dryfric_control.text import did_you_mean, page_reference
 
 
 class Unit(NamedTuple):
@@ -199,7 +199,7 @@ def check_units(axis: Any, record: Any, name: str = "record") -> None:
                 else ", or check the columns"
             )
             + (f", or an effect InputGain [{wanted} per {unit}]" if role == "u" else "")
-            + see("howto/read_csv")
+            + page_reference("howto/read_csv")
         )
     check_drive_and_reading(axis, record.dt, record.u, record.x, (f"{name}.u", f"{name}.x"))
 

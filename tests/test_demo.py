@@ -53,7 +53,7 @@ def test_demo_ends_with_a_diagnosis_and_its_report(made):
 
 @pytest.mark.skipif(not EMPS.exists(), reason="the EMPS record is not there: ../shared/data/emps")
 def test_demo_recovers_the_mass_of_the_emps_record():
-    _, summary, figures = demo.fit_and_replay(*demo.measured(EMPS))
+    _, summary, figures = demo.fit_and_replay(*demo.measured_record(EMPS))
     # 95.1 kg: Janot, Gautier, Brunot, 2019; within 3 %.
     assert summary["parameters"]["mass"] == pytest.approx(95.1, rel=0.03)
     assert summary["held_out_closed_loop"]["relative_force"] < 0.1

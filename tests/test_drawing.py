@@ -10,7 +10,7 @@ import pytest
 import dryfric_control as dfc
 from dryfric_control import presets
 from dryfric_control.drawing import panels
-from dryfric_control.text import WIDTH, Result, plain_data, typeset
+from dryfric_control.text import WIDTH, Result, plain_data, typeset_signs
 
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(0.0, 0.3), name="stage")
 T = 1e-3 * np.arange(2000)
@@ -179,7 +179,7 @@ def test_units_are_typeset_and_words_are_not():
         ("N m s^2/rad", "N\xb7m\xb7s\xb2/rad"), ("kg m^2", "kg\xb7m\xb2"), ("[um]", "[\xb5m]"),
         ("-3 um", "-3 \xb5m"), ("8 N on the um scale", "8 N on the um scale"),
     ):  # fmt: skip
-        assert typeset(text) == printed
+        assert typeset_signs(text) == printed
 
 
 def test_plain_data_is_what_json_takes_and_levels_come_as_arrays():

@@ -8,7 +8,7 @@ import re
 import pytest
 
 import dryfric_control as dfc
-from dryfric_control.result_table import Quantity, formatted, siunitx
+from dryfric_control.result_table import Quantity, format_table, siunitx_unit
 
 ROWS = [
     ["mass", Quantity(2.41234, 0.0312, "kg")],
@@ -20,22 +20,22 @@ ROWS = [
 
 
 def test_numbers_have_the_digits_of_their_errors():
-    page = formatted(("name", "value"), ROWS, "markdown").splitlines()
+    page = format_table(("name", "value"), ROWS, "markdown").splitlines()
     assert page[0] == "| name | value |" and page[1] == "| --- | --- |"
     assert [line.split(" | ")[1].removesuffix(" |") for line in page[2:]] == [
         "2.412 ± 0.031 kg", "(1.2345 ± 0.0034)·10⁻⁶ m", "2340 ± 350 N", "0.3 (undetermined)", "none",
     ]  # fmt: skip
-    paper = formatted(("name", "value"), ROWS, "latex")
+    paper = format_table(("name", "value"), ROWS, "latex")
     assert re.findall(r"\\(?:qty|num)\{.*?\}(?:\{.*?\})?", paper) == [
         r"\qty{2.412(31)}{\kilogram}", r"\qty{1.2345(34)e-6}{\metre}",
         r"\qty{2340(350)}{\newton}", r"\num{0.3}",
     ]  # fmt: skip
     assert r"slow\_1 \& more" in paper and paper.count("{") == paper.count("}")
-    rows = list(csv.reader(io.StringIO(formatted(("name", "value"), ROWS, "csv"))))
+    rows = list(csv.reader(io.StringIO(format_table(("name", "value"), ROWS, "csv"))))
     assert rows[0] == ["name", "value", "value std. error", "value unit"]
     assert rows[1] == ["mass", "2.41234", "0.0312", "kg"] and rows[5] == ["sum|x", "none", "", ""]
     with pytest.raises(ValueError, match="form must be one of latex, csv, markdown"):
-        formatted(("name",), [], "html")
+        format_table(("name",), [], "html")
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_numbers_have_the_digits_of_their_errors():
     ],
 )  # fmt: skip
 def test_units_are_those_of_siunitx(unit, macros):
-    assert siunitx(unit) == macros
+    assert siunitx_unit(unit) == macros
 
 
 def test_a_fit_and_a_cause_as_tables():

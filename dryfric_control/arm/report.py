@@ -13,7 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from dryfric_control._version import __version__
-from dryfric_control.drawing import MEASURED, labelled, legend_above
+from dryfric_control.drawing import MEASURED, label_axes, legend_above
 from dryfric_control.estimation.force_residual import Sliding
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction_curve import draw_curve
@@ -75,11 +75,11 @@ def draw_joint(found: ArmDiagnoses, joint: str, left: Any, right: Any) -> None:
     plain = axis.replace(effects=())
     draw_curve(nominal[0], left, fast, span, "nominal", color="C0", ls="--", lw=1.0)
     draw_curve(plain, left, fast, span, "with the causes", color="k", lw=1.2)
-    labelled(left, f"velocity [{length}/s]", f"friction [{force}]")
+    label_axes(left, f"velocity [{length}/s]", f"friction [{force}]")
     right.plot(sliding.t, sliding.u, ".", color=MEASURED, ms=2, label="measured")
     right.plot(*_required_drive(*nominal), "C0--", lw=0.8, label="needed by the model")
     right.plot(*_required_drive(axis, record), "k-", lw=0.8, label="with the causes")
-    labelled(right, "Time [s]", f"drive [{force}]")
+    label_axes(right, "Time [s]", f"drive [{force}]")
     legend_above(right)
 
 

@@ -20,7 +20,7 @@ from dryfric_control.compensation.laws import (
     Reach,
     at_rest,
     laws_of,
-    uncovered,
+    unbounded_effects,
 )
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.model.axis import FrictionAxis
@@ -174,8 +174,8 @@ def loop_matrices(
     whole = int(delay / dt + 1e-9)
     # x, v, drive behind its lag; the drive before the delay's fraction is over, and after it.
     part = min(max(delay - whole * dt, 0.0), dt)
-    early = _held(mass, viscous, comp.drive_lag, part)
-    late = _held(mass, viscous, comp.drive_lag, dt - part)
+    early = _held_response(mass, viscous, comp.drive_lag, part)
+    late = _held_response(mass, viscous, comp.drive_lag, dt - part)
     bounded = c[kernel.HOLDS] != 0.0
     own = 3 if comp.drive_lag > 0.0 else 2
 
@@ -217,7 +217,7 @@ def loop_matrices(
     return matrix, np.column_stack([step(zero, 1.0, 0.0), step(zero, 0.0, 1.0)])
 
 
-def _held(mass: float, viscous: float, lag: float, time: float) -> Floats:
+def _held_response(mass: float, viscous: float, lag: float, time: float) -> Floats:
     """Position, velocity and drive behind its lag after a time, from these, drive and force."""
     rates = np.zeros((5, 5))
     rates[0, 1], rates[1, 1], rates[1, 4] = 1.0, -viscous / mass, 1.0 / mass
@@ -325,7 +325,7 @@ class _Corner(NamedTuple):
     drive: float  # drive for it [N]
 
 
-def _corners(
+def _mismatch_corners(
     comp: Compensation, mu: float, bounded: bool, reference: MotionProfile | None
 ) -> Iterator[_Corner]:
     """Loops at the corners of the mismatch."""
@@ -370,7 +370,7 @@ class _Loop(NamedTuple):
         """Bound of the error [m]."""
         return float(sum(self.parts.values()))
 
-    def within(self, other: _Loop) -> bool:
+    def is_within(self, other: _Loop) -> bool:
         """Whether no bound on which the laws depend exceeds another's."""
         names = ("tube", "speed", "feedback", "fed")
         return all(getattr(self, name) <= getattr(other, name) for name in names)
@@ -387,8 +387,10 @@ def certify_tracking(
     # The theory page has the bounds, `sliding` (D) and `largest` (W) here.
     axis, mu, c = comp.rigid_axis, mismatch, comp.numbers
     bounded = c[kernel.HOLDS] != 0.0
-    corners = list(_corners(comp, mu, bounded, reference))
-    fast = 0.0 if reference is None else np.abs(_courses(axis, reference)).sum(axis=0).max()
+    corners = list(_mismatch_corners(comp, mu, bounded, reference))
+    fast = (
+        0.0 if reference is None else np.abs(_feedforward_forces(axis, reference)).sum(axis=0).max()
+    )
     places, guessed = _places(comp, reference)
     loop, laws = _Loop({}, 0.0, 0.0, 0.0, 0.0, 0.0), laws_of(axis, places)
     slope = needed = 0.0
@@ -396,23 +398,23 @@ def certify_tracking(
     # The laws are read as far as the error takes their arguments: bounds that are no more than
     # those for which the laws were read hold, as the error grows from nothing without a jump.
     for _ in range(_REPEATS):
-        wide, asked, pushed = _wider(loop), _MARGIN * needed, _MARGIN * laws.force
+        wide, asked, pushed = _widen_bounds(loop), _MARGIN * needed, _MARGIN * laws.force
         reach = places._replace(
             low=places.low - wide.tube, high=places.high + wide.tube,
-            speed=_fastest(reference) + wide.speed, load=asked + pushed,
+            speed=_peak_speed(reference) + wide.speed, load=asked + pushed,
         )  # fmt: skip
         laws = laws_of(axis, reach)
         slope = laws.slope("x", max(c[kernel.PEAK] * c[kernel.EXCESS], (1.0 + mu) * excess))
-        change = _change(comp, reference, laws, wide)
+        change = _argument_change(comp, reference, laws, wide)
         loop = _bounds(comp, corners, laws, change, (mu, learned, excess), wide.tube, reference)
         needed = float(loop.feedback + loop.fed + fast + laws.force)
-        settled = needed <= asked and laws.force <= pushed and loop.within(wide)
+        settled = needed <= asked and laws.force <= pushed and loop.is_within(wide)
         if settled or not math.isfinite(loop.tube):
             break
     grows = not settled
     if grows and math.isfinite(loop.tube):
         loop.parts[_GROWS] = math.inf
-    lost = uncovered(comp.axis)
+    lost = unbounded_effects(comp.axis)
     if lost:
         loop.parts[f"not covered: {', '.join(lost)}"] = math.inf
     if needed > c[kernel.LIMIT]:
@@ -433,19 +435,21 @@ def certify_tracking(
     )  # fmt: skip
 
 
-def _wider(loop: _Loop) -> _Loop:
+def _widen_bounds(loop: _Loop) -> _Loop:
     """Bounds a little wider, for which the laws are read next."""
     parts = {name: _MARGIN * part for name, part in loop.parts.items()}
     speed, feedback, fed = (_MARGIN * one for one in (loop.speed, loop.feedback, loop.fed))
     return loop._replace(parts=parts, speed=speed, feedback=feedback, fed=fed)
 
 
-def _change(comp: Compensation, reference: MotionProfile | None, laws: Laws, loop: _Loop) -> Change:
+def _argument_change(
+    comp: Compensation, reference: MotionProfile | None, laws: Laws, loop: _Loop
+) -> Change:
     """How far the arguments of the laws that are fed forward are from those at the axis."""
     c = comp.numbers
     ahead = (c[kernel.LEAD] + 1.0) * comp.dt - comp.drive_delay
     jolt = 0.0 if reference is None else float(np.abs(reference.acceleration).max())
-    change = Change(ahead, _fastest(reference) * ahead, loop.speed + jolt * ahead)
+    change = Change(ahead, _peak_speed(reference) * ahead, loop.speed + jolt * ahead)
     # A law of the load is fed forward for the drive that is fed forward with it.
     raised = (c[kernel.PEAK] * c[kernel.EXCESS] + c[kernel.BAND]) * laws.level
     drive = loop.feedback + raised + laws.force_change(change)
@@ -484,7 +488,7 @@ def _bounds(
     largest = friction + fed + 2.0 * moved
     sliding = (1.0 - learned) * (mu + most) * level + max(level * highest, caught) + moved
     sliding = sliding if bounded else largest
-    early = 0.0 if reference is None else _unfed(comp, reference)
+    early = 0.0 if reference is None else _peak_speed_unfed(comp, reference)
     half = 0.5 * comp.encoder_quantum
     slope = laws.slope("x", highest)
     parts: dict[str, float] = {}
@@ -516,7 +520,7 @@ def _bounds(
         slip = turning + left * one.slip
         asked = min(one.gains.drive * left, c[kernel.KP] * error + c[kernel.KD] * slip)
         feedback = max(feedback, asked + one.drive + half * one.gains.reading_drive)
-        speed = max(speed, turning + left * one.gains.speed, _fastest(reference))
+        speed = max(speed, turning + left * one.gains.speed, _peak_speed(reference))
     return _Loop(parts, float(sliding), float(largest), speed, float(feedback), float(fed))
 
 
@@ -572,12 +576,12 @@ def _reasons(
         )
 
 
-def _fastest(reference: MotionProfile | None) -> float:
+def _peak_speed(reference: MotionProfile | None) -> float:
     """Largest speed of a reference [m/s]."""
     return 0.0 if reference is None else float(np.abs(reference.velocity).max())
 
 
-def _courses(axis: FrictionAxis, reference: MotionProfile) -> Floats:
+def _feedforward_forces(axis: FrictionAxis, reference: MotionProfile) -> Floats:
     """Inertia and viscous friction that are fed forward, shape (2, n) [N]."""
     return np.array([axis.mass * reference.acceleration, axis.viscous * reference.velocity])
 
@@ -586,10 +590,12 @@ def _missing(
     comp: Compensation, reference: MotionProfile, mass: float, viscous: float, delay: float
 ) -> Floats:
     """What lacks of inertia and viscous friction over each sample [N], shape (n,)."""
-    dt, fed = comp.dt, _courses(comp.rigid_axis, reference).sum(axis=0)
+    dt, fed = comp.dt, _feedforward_forces(comp.rigid_axis, reference).sum(axis=0)
     whole = int(delay / dt + 1e-9)
     part = delay / dt - whole
-    drive = (1.0 - part) * _given(comp, fed, whole) + part * _given(comp, fed, whole + 1)
+    drive = (1.0 - part) * _delay_samples(comp, fed, whole) + part * _delay_samples(
+        comp, fed, whole + 1
+    )
     if comp.drive_lag > 0.0:
         pole = math.exp(-dt / comp.drive_lag)
         after = lfilter([1.0 - pole], [1.0, -pole], drive)
@@ -602,21 +608,21 @@ def _missing(
     return np.asarray(drive - 0.5 * (needed + np.append(needed[1:], 0.0)))
 
 
-def _given(comp: Compensation, ahead: Floats, back: int) -> Floats:
+def _delay_samples(comp: Compensation, ahead: Floats, back: int) -> Floats:
     """What is fed forward as it was so many samples before, nothing before the first."""
     at = np.arange(ahead.size) - back
     there = np.clip(at + int(comp.numbers[kernel.LEAD]), 0, ahead.size - 1)
     return np.where(at >= 0, ahead[there], 0.0)
 
 
-def _unfed(comp: Compensation, reference: MotionProfile) -> float:
+def _peak_speed_unfed(comp: Compensation, reference: MotionProfile) -> float:
     """Largest velocity of the reference whose friction is not fed forward at the axis yet."""
     dt, v = comp.dt, reference.velocity
     way = np.sign(v) * (np.abs(v) > comp.numbers[kernel.REST_SPEED])
     latest = math.ceil((comp.drive_delay + comp.input_delay + _LAGS * comp.drive_lag) / dt) + 1
     unfed = np.zeros(v.size, dtype=bool)
     for back in range(int(comp.drive_delay / dt), latest + 1):
-        unfed |= _given(comp, way, back) * np.sign(v) <= 0.0
+        unfed |= _delay_samples(comp, way, back) * np.sign(v) <= 0.0
     return float(np.abs(v[unfed]).max(initial=0.0))
 
 

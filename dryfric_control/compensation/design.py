@@ -23,7 +23,7 @@ from dryfric_control.checks import (
 from dryfric_control.compensation import certificate as proof
 from dryfric_control.compensation import tuning as tuned
 from dryfric_control.compensation.certificate import TrackingCertificate
-from dryfric_control.compensation.laws import largest_drive, uncovered
+from dryfric_control.compensation.laws import largest_drive, unbounded_effects
 from dryfric_control.compensation.runtime import CompensatedController, CompensationStepper
 from dryfric_control.compiled import compensation as kernel
 from dryfric_control.drawing import (
@@ -47,10 +47,10 @@ from dryfric_control.text import (
     Result,
     documented,
     length_text,
-    prefixed,
-    see,
+    page_reference,
+    prefix_unit,
     stated,
-    typeset,
+    typeset_signs,
 )
 
 
@@ -257,7 +257,7 @@ class Compensation(Saved, Result):
         bound = self.certify(reference=reference).tube
         axes[0].plot(run.t, reference.position, color="0.55", label="reference")
         axes[0].plot(run.t, run.y[0], "k", linewidth=1.0, label="axis")
-        factor, short = prefixed(bound if math.isfinite(bound) else np.abs(error).max(), length)
+        factor, short = prefix_unit(bound if math.isfinite(bound) else np.abs(error).max(), length)
         axes[1].plot(run.t, error / factor, "k", linewidth=1.0, label="error")
         if math.isfinite(bound):
             for side, label in (
@@ -275,7 +275,7 @@ class Compensation(Saved, Result):
         axes[2].plot(run.t, run.y[2], "C0--", linewidth=1.0, label="friction")
         labels = (
             f"position [{length}]",
-            typeset(f"error [{short}]"),
+            typeset_signs(f"error [{short}]"),
             f"force [{force}]",
         )
         for one in axes:
@@ -309,7 +309,7 @@ class Compensation(Saved, Result):
     @property
     def left_out(self) -> tuple[str, ...]:
         """Effects that the certificate does not cover."""
-        return uncovered(self.axis)
+        return unbounded_effects(self.axis)
 
     @property
     def known(self) -> tuple[str, ...]:
@@ -589,7 +589,7 @@ def _drive_limit(axis: FrictionAxis, limit: float | None, breakaway: float) -> f
         raise ValueError(
             f"limit = {most:g} {axis.units[1]} is no more than the breakaway friction force of "
             f"{breakaway:.4g} {axis.units[1]}: the axis would stay where it is; give the largest "
-            "force of the drive" + see("howto/compensate")
+            "force of the drive" + page_reference("howto/compensate")
         )
     return most
 
@@ -611,7 +611,7 @@ def _observer_of(
         raise ValueError(
             f"no observer can be designed for dt = {dt:g} s and a drive delay of "
             f"{whole_delay:g} s ({problem}): check dt and input_delay, which are in seconds"
-            + see("howto/compensate")
+            + page_reference("howto/compensate")
         ) from None
 
 

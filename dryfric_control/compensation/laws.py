@@ -102,7 +102,7 @@ def _difference(law: Interval, change: Change) -> float:
     return min(total, float(law.high.max() - law.low.min()))
 
 
-def uncovered(axis: FrictionAxis) -> tuple[str, ...]:
+def unbounded_effects(axis: FrictionAxis) -> tuple[str, ...]:
     """Effects of which no bounds are known."""
     acting = axis.effective()
     box = _box(acting, Reach(*(acting.travel or ANYWHERE)), 1.0)
@@ -126,16 +126,16 @@ def largest_drive(axis: FrictionAxis) -> float:
 def laws_of(axis: FrictionAxis, reach: Reach) -> Laws:
     """Bounds of the laws of an axis, those that have none left out."""
     forces = []
-    for effect in _acting(axis, "force"):
+    for effect in _effects_on(axis, "force"):
         # The directions, and rest, are one range: nothing says in which of them the axis is.
         found = (effect.bounds(_box(axis, reach, s)) for s in (1.0, -1.0, 0.0))
         sides = [one for one in found if one is not None]
         if sides:
-            forces.append(_union(sides))
+            forces.append(_interval_union(sides))
     return Laws(tuple(forces), {s: tuple(_levels(axis, reach, s)) for s in (1, -1)})
 
 
-def _acting(axis: FrictionAxis, action: str) -> list[Effect]:
+def _effects_on(axis: FrictionAxis, action: str) -> list[Effect]:
     return [effect for effect in axis.effects if effect.action == action]
 
 
@@ -146,14 +146,14 @@ def _levels(axis: FrictionAxis, reach: Reach, s: int) -> Iterator[Interval]:
     yield base
     own, box = base, _box(axis, reach, float(s))
     effects = sorted(
-        _acting(axis, "friction"),
+        _effects_on(axis, "friction"),
         key=lambda e: (not e.within_peak, e.by_drive, not e.depends_on_direction),
     )
     for effect in effects:
         found = effect.bounds(box._replace(level=own if effect.within_peak else base))
         if found is None:
             continue
-        found = _everywhere(found)
+        found = _over_travel(found)
         own = own + found if effect.within_peak else own
         yield found
 
@@ -162,7 +162,7 @@ def _places(reach: Reach) -> Floats:
     return np.linspace(reach.low, reach.high, _PARTS + 1)
 
 
-def _everywhere(law: Interval) -> Interval:
+def _over_travel(law: Interval) -> Interval:
     """The law with an element for each part of the travel."""
     shape = (_PARTS,)
     low, high = np.broadcast_to(law.low, shape), np.broadcast_to(law.high, shape)
@@ -170,8 +170,8 @@ def _everywhere(law: Interval) -> Interval:
     return Interval(low, high, np.broadcast_to(slopes, (len(ARGUMENTS), *shape)))
 
 
-def _union(laws: list[Interval]) -> Interval:
-    rows = [_everywhere(law) for law in laws]
+def _interval_union(laws: list[Interval]) -> Interval:
+    rows = [_over_travel(law) for law in laws]
     return Interval(
         np.minimum.reduce([law.low for law in rows]),
         np.maximum.reduce([law.high for law in rows]),
@@ -202,15 +202,15 @@ def _map(axis: FrictionAxis, reach: Reach, s: int) -> Interval:
     level = np.polynomial.Polynomial(coefficients)
     # Taylor's polynomial about the middle of each part: value and slope at most so far off.
     derivatives = [level.deriv(k)(middle) if k else level(middle) for k in range(len(coefficients))]
-    value = _remainder(derivatives, half, 1)
+    value = _taylor_remainder(derivatives, half, 1)
     slopes = np.zeros((len(ARGUMENTS), middle.size))
     if len(derivatives) > 1:
-        steepest = np.abs(derivatives[1]) + _remainder(derivatives, half, 2)
+        steepest = np.abs(derivatives[1]) + _taylor_remainder(derivatives, half, 2)
         slopes[ARGUMENTS.index("x")] = steepest
     return Interval(derivatives[0] - value, derivatives[0] + value, slopes)
 
 
-def _remainder(derivatives: list[Floats], half: Floats, first: int) -> Floats:
+def _taylor_remainder(derivatives: list[Floats], half: Floats, first: int) -> Floats:
     """Terms of Taylor's polynomial from `first` on, of the derivative of order `first` - 1."""
     total = np.zeros(half.size)
     for k, one in enumerate(derivatives[first:], 1):
@@ -237,25 +237,25 @@ def at_rest(axis: FrictionAxis, reach: Reach, share: float, distance: float) -> 
     forces = laws_of(axis, still).forces
     force = float(_sum(forces).magnitude.max())
     # A held drive is that of a law which knows no time at rest; the drive itself is a load, too.
-    high = _lesser(axis, still._replace(load=2.0 * force, rest=0.0)).high
+    high = _lesser_level(axis, still._replace(load=2.0 * force, rest=0.0)).high
     load = 2.0 * force + share * float(high.max())
-    low = np.maximum(_lesser(axis, still._replace(load=load)).low, 0.0)
+    low = np.maximum(_lesser_level(axis, still._replace(load=load)).low, 0.0)
     parts = math.ceil(distance * _PARTS / (reach.high - reach.low)) + 1
     kept = minimum_filter1d(low, min(2 * parts, 2 * _PARTS) + 1)
     worst = int(np.argmin(kept - share * high))
-    wander = sum(_wander(law, distance) for law in forces)
+    wander = sum(_largest_change(law, distance) for law in forces)
     uneven = laws_of(axis, still).level_slope("x") > 0.0
     return Rest(float(high[worst]), float(kept[worst]), wander, force, uneven)
 
 
-def _lesser(axis: FrictionAxis, reach: Reach) -> Interval:
+def _lesser_level(axis: FrictionAxis, reach: Reach) -> Interval:
     """Lesser level of both directions."""
-    one, other = (_everywhere(_sum(levels)) for levels in laws_of(axis, reach).levels.values())
+    one, other = (_over_travel(_sum(levels)) for levels in laws_of(axis, reach).levels.values())
     low, high = np.minimum(one.low, other.low), np.minimum(one.high, other.high)
     return Interval(low, high, np.maximum(one.slopes, other.slopes))
 
 
-def _wander(law: Interval, distance: float) -> float:
+def _largest_change(law: Interval, distance: float) -> float:
     """Largest change of a force effect with time, and over a distance [N]."""
     lasting = [ARGUMENTS.index(name) for name in ("t", "rest")]
     timed = math.inf if np.any(law.slopes[lasting] > 0.0) else 0.0

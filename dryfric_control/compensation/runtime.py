@@ -135,7 +135,7 @@ class CompensatedController:
             f"observer{MODE}": (-1, 1),
             f"observer{NODE}": (0, nodes),
         }
-        return Block.stepped(
+        return Block.from_step(
             step,
             "xref vref aref y",
             "u friction",

@@ -29,7 +29,7 @@ from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import InputGain
 from dryfric_control.model.effects.effect import REGISTRY
-from dryfric_control.model.effects.levels import carrying
+from dryfric_control.model.effects.levels import equivalent_values
 from dryfric_control.model.effects.naming import named, title_of
 from dryfric_control.text import rotary_words
 
@@ -227,7 +227,7 @@ def _load_does_the_same(problem: Problem, model: Model, final: Solution, held: s
         scale = 1.0 - (1.0 - scale) / values[shares[0]]
     if not 0.0 < scale < 1.0:
         return False
-    changed = {n: v for n, v in carrying(final.axis, scale).items() if n in values}
+    changed = {n: v for n, v in equivalent_values(final.axis, scale).items() if n in values}
     axis = with_values(final.axis, [*changed], [*changed.values()])
     axis = axis.replace(effects=(*axis.effects, REGISTRY[_LOAD](**{"coefficient": 1.0 - scale})))
     base = [n for n in problem.base if n != held]

@@ -56,7 +56,7 @@ from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.read import RecordLike
 from dryfric_control.records.record import Record, counts_text
 from dryfric_control.store.batch import fingerprint, raise_failures, run_batch
-from dryfric_control.text import length_text, percent, see
+from dryfric_control.text import length_text, page_reference, percent
 from dryfric_control.units import check_units
 
 FloatArray = NDArray[np.float64]
@@ -618,7 +618,7 @@ def _cut(
         raise ValueError(
             f"{name} lasts {record.duration:.3g} s, which is {len(windows)} windows of "
             f"{window:g} s: give at least {least} windows, or a shorter window"
-            + see("howto/diagnose")
+            + page_reference("howto/diagnose")
         )
     return windows
 
@@ -629,7 +629,7 @@ def _check_motion(windows: Sequence[Windows], several: bool) -> None:
             name = f"record[{i}]" if several else "record"
             raise ValueError(
                 f"{name}: the axis hardly moves, so friction cannot be determined; use a record "
-                "with slow and fast moves in both directions" + see("howto/diagnose")
+                "with slow and fast moves in both directions" + page_reference("howto/diagnose")
             )
 
 

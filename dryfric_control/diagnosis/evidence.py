@@ -17,7 +17,7 @@ from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.motion import directions, last_index_so_far, reversals
 from dryfric_control.records.record import Record
-from dryfric_control.ties import ranked
+from dryfric_control.ties import stable_order
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -463,7 +463,7 @@ def _clearest(places: list[_Place], judged: BoolArray, bad: BoolArray) -> tuple[
     )
     order = np.flatnonzero(clear)
     for key in (np.array([place.width for place in places]), chance):
-        order = order[ranked(key[order])]
+        order = order[stable_order(key[order])]
     named: dict[str, str] = {}
     for i in order:
         # A place that is far less significant most likely only overlaps the clearest one.

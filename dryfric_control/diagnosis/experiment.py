@@ -21,7 +21,7 @@ from dryfric_control.model.effects.naming import class_of, title_of, titles_of
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import file_path, replace_file
 from dryfric_control.text import Result, documented, rotary_words, stated
-from dryfric_control.ties import above, ranked
+from dryfric_control.ties import above, stable_order
 from dryfric_control.units import check_units
 
 # Mean of log(1 + (error/quantum)^2) over the windows, the largest left out (one mistimed
@@ -252,7 +252,7 @@ def _search(
         # A refit can only bring hypotheses closer: the distance before it is an upper bound,
         # so that the search in this order can stop early.
         upper = list(map(_worth, raw))
-        for k in ranked(-np.array(upper)):
+        for k in stable_order(-np.array(upper)):
             if not above(upper[k], best):
                 break
             pairs = _distances(stages[k], quantum, refits, raw[k])

@@ -55,7 +55,7 @@ from dryfric_control.model.effects.columns import (
     added,
     difference,
     secant,
-    simulated,
+    simulated_column,
 )
 from dryfric_control.model.effects.effect import Effect
 from dryfric_control.model.effects.naming import named
@@ -850,7 +850,7 @@ def _changes(name: str, effect: Effect, base: Sequence[str], view: View) -> Iter
             force = difference(axis, view) / CHANGED
         if force is None or not np.any(force):
             for factor in (0.2, 0.7, 1.4, 2.0):
-                yield simulated(**now | {one: factor * value})
+                yield simulated_column(**now | {one: factor * value})
             continue
 
         def values(c: Sequence[float], one: str = one, value: float = value) -> dict[str, float]:

@@ -31,7 +31,7 @@ from dryfric_control.estimation.smoothed_motion import SmoothedMotion
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import named, put, renumbered
+from dryfric_control.model.effects.naming import named, put, renumber_names
 from dryfric_control.model.friction import CoulombMap
 
 FloatArray = NDArray[np.float64]
@@ -262,7 +262,7 @@ class Problem:
         """Free parameters, or causes, of a model without some of its effects."""
         for name in reversed(names):
             rest = [n for n in free if n.partition(".")[0] != name]
-            free = rest if name in named(self.believed) else renumbered(rest, name)
+            free = rest if name in named(self.believed) else renumber_names(rest, name)
         return tuple(free)
 
     def parallel(self, function: Callable[..., Any], *arguments: Iterable[Any]) -> list[Any]:

@@ -18,7 +18,7 @@ from matplotlib.image import imsave
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, known_keys
-from dryfric_control.drawing import MEASURED, PanelPlot, axes_of, control_plot, labelled
+from dryfric_control.drawing import MEASURED, PanelPlot, axes_of, control_plot, label_axes
 from dryfric_control.estimation.smoothed_motion import (
     SmoothedMotion,
     drive_at_the_mass,
@@ -30,7 +30,7 @@ from dryfric_control.model.effects import BiasForce, Spring
 from dryfric_control.model.friction import CoulombMap, Stribeck
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import write_file
-from dryfric_control.text import rotary_words, typeset
+from dryfric_control.text import rotary_words, typeset_signs
 from dryfric_control.units import check_units
 
 # Dots that are drawn; more are not told apart.
@@ -187,7 +187,7 @@ class ForceExplorer:
     def _title(self, left: Floats | None = None) -> str:
         rms = self.rms if left is None else float(np.sqrt(np.mean(left**2)))
         words = f"force missing in the model: {rms:.3g} {self._start.units[1]} RMS"
-        return typeset(rotary_words(words, self._start.units[1]))
+        return typeset_signs(rotary_words(words, self._start.units[1]))
 
     def _draw(self, axes: Any) -> list[Any]:
         length, force = self._start.units
@@ -198,8 +198,11 @@ class ForceExplorer:
         ):
             one.axhline(0.0, color="k", lw=0.8)
             lines += one.plot(over[self._shown], left, ".", color=MEASURED, ms=3)
-            labelled(
-                one, typeset(words), typeset(rotary_words(f"force [{force}]", force)), legend=False
+            label_axes(
+                one,
+                typeset_signs(words),
+                typeset_signs(rotary_words(f"force [{force}]", force)),
+                legend=False,
             )
         return lines
 

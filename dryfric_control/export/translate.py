@@ -27,7 +27,7 @@ import numpy as np
 from dryfric_control.compiled import axis_step
 from dryfric_control.export import entries
 from dryfric_control.model.effects.effect import read_by
-from dryfric_control.text import wrapped
+from dryfric_control.text import wrap_lines
 
 #: Passes of one search loop at most: none is met before its own end.
 MOST_PASSES = 1_000_000
@@ -412,7 +412,7 @@ class _Body:
             if n not in self.dead
         ]
         lines = textwrap.wrap(comment, 97, subsequent_indent="   ", break_on_hyphens=False)
-        lines.append(wrapped([head, "{", *self.lines, "}\n"]))
+        lines.append(wrap_lines([head, "{", *self.lines, "}\n"]))
         results = set(self.returned)
         return Function(
             self.name,

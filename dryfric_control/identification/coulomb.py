@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import instance, warn
-from dryfric_control.drawing import MEASURED, labelled, panels
+from dryfric_control.drawing import MEASURED, label_axes, panels
 from dryfric_control.estimation.uncertainty import half_width
 from dryfric_control.identification import crawl
 from dryfric_control.identification.fit import FitWarning
@@ -132,7 +132,7 @@ class CoulombIdentification(Result, CoulombMap):
             low, high = (s * end for end in self.band(places, s))
             ax.fill_between(places, low, high, color="C0", alpha=0.25, lw=0, label=band)
             ax.plot(places, s * self(places, s), "-", color="C0", lw=1.5, label=level)
-        labelled(ax, f"position [{length}]", f"drive force [{force}]")
+        label_axes(ax, f"position [{length}]", f"drive force [{force}]")
         return "Coulomb level over the travel"
 
 
@@ -210,15 +210,15 @@ def identify_coulomb(
     unsure = np.zeros((2, 2))
     fine = crawl.average(record, _FINE)
     if axis is not None:
-        pieces = _levelled(axis, pieces)
+        pieces = _subtract_known_forces(axis, pieces)
         if axis.effective().stribeck is None:
-            _tell_of_a_peak(_levelled(axis, fine), record, travel)
+            _tell_of_a_peak(_subtract_known_forces(axis, fine), record, travel)
     elif (varies := _variation(fine)) > _VARIES:
         viscous, mass = _along_the_way(fine, travel)
         if viscous < 0.0:
             _tell(fine, record, "friction falls with velocity, as within a Stribeck peak")
         viscous, mass = max(viscous, 0.0), max(mass, 0.0)
-        unsure = _unsure(fine, travel)
+        unsure = _path_covariance(fine, travel)
     else:
         only = f"the velocity varies by {percent(varies)} only (motion slower than {crawl.SLOW:g}"
         _tell(fine, record, f"{only} of the typical velocity is left out)")
@@ -226,7 +226,7 @@ def identify_coulomb(
     held_out: dict[int, Floats] = {}
     fits: dict[int, crawl.Level] = {}
     for s, name in _WAYS.items():
-        own = pieces.only(pieces.direction == s)
+        own = pieces.select_pieces(pieces.direction == s)
         blocks = crawl.blocks_of(own)
         given = (own, s * force[pieces.direction == s], travel, blocks)
         count = int(blocks.max()) + 1
@@ -305,7 +305,7 @@ def _tell_of_a_peak(pieces: crawl.Pieces, record: Record, travel: tuple[float, f
     )
 
 
-def _levelled(axis: FrictionAxis, pieces: crawl.Pieces) -> crawl.Pieces:
+def _subtract_known_forces(axis: FrictionAxis, pieces: crawl.Pieces) -> crawl.Pieces:
     """Pieces with the Coulomb level in place of the drive: what else the axis has is taken off."""
     axis = axis.effective()
     bare, states = axis.replace(coulomb=0.0, stribeck=None), (pieces.x, pieces.v, pieces.u)
@@ -341,11 +341,11 @@ def _along_the_way(pieces: crawl.Pieces, travel: tuple[float, float]) -> tuple[f
     return float(found[-1]), mass
 
 
-def _unsure(pieces: crawl.Pieces, travel: tuple[float, float]) -> Floats:
+def _path_covariance(pieces: crawl.Pieces, travel: tuple[float, float]) -> Floats:
     """Covariance of `_along_the_way`, from leaving out one block at a time."""
     label = np.zeros(pieces.way.size, dtype=np.int64)
     for s in _WAYS:
         own = pieces.direction == s
-        label[own] = s * (1 + crawl.blocks_of(pieces.only(own)))
-    left = [_along_the_way(pieces.only(label != g), travel) for g in np.unique(label)]
+        label[own] = s * (1 + crawl.blocks_of(pieces.select_pieces(own)))
+    left = [_along_the_way(pieces.select_pieces(label != g), travel) for g in np.unique(label)]
     return crawl.spread_without(np.array(left))

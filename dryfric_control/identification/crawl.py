@@ -52,7 +52,7 @@ class Pieces(NamedTuple):
     t: Floats  # time at its beginning [s]
     noise: Floats  # standard deviation of `rise`
 
-    def only(self, keep: Bools) -> Pieces:
+    def select_pieces(self, keep: Bools) -> Pieces:
         """The pieces marked in `keep`."""
         return Pieces(*(column[keep] for column in self))  # type: ignore[arg-type]
 
@@ -60,7 +60,7 @@ class Pieces(NamedTuple):
 def average(record: Record, piece: float = _PIECE) -> Pieces:
     """Pieces of motion, no longer than a part of the range, averaged over the way."""
     moving = directions(record).astype(int)
-    x, v, noise = _smoothed(record)
+    x, v, noise = _smooth_motion(record)
     # Not the raw readings: their noise is in the drive force too, through the
     # loop, and would do work.
     middle = 0.5 * (v[1:] + v[:-1])
@@ -95,7 +95,7 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
     return Pieces(*columns[:5], *columns[5:7].astype(np.int64), *columns[7:])
 
 
-def _smoothed(record: Record) -> tuple[Floats, Floats, float]:
+def _smooth_motion(record: Record) -> tuple[Floats, Floats, float]:
     """Position and speed, smoothed to know the speed to 2 %, and its noise."""
     # Noise of the speed enters the work squared, and through the loop it is in the drive
     # force: at 5 % it would bias a smooth crawl by more than its error.

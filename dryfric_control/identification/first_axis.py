@@ -16,8 +16,8 @@ from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.data_check import speed_message
 from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
-from dryfric_control.result_table import Quantity, formatted
-from dryfric_control.text import Result, documented, see, stated
+from dryfric_control.result_table import Quantity, format_table
+from dryfric_control.text import Result, documented, page_reference, stated
 
 # Rounds of mass and of the smoothing that its noise asks for.
 _ROUNDS = 3
@@ -69,7 +69,7 @@ class ForceRegression(Result):
             (name, Quantity(value, self.standard_errors[name], self.axis.unit(units[name])))
             for name, value in self.parameters.items()
         ]
-        return formatted(("parameter", "value"), rows, form)
+        return format_table(("parameter", "value"), rows, form)
 
     def _summary_parts(self) -> Iterator[str | list[list[str]]]:
         lines = [line.strip("| ").split(" | ") for line in self.table().splitlines()]
@@ -159,7 +159,7 @@ def force_regression(record: RecordLike) -> ForceRegression:
         raise ValueError(
             f"record: x is in {length!r} and u in {force!r}, which are not those of one axis: give "
             f"the {turned} of the machine to gain=dfc.Scaling(...) as the file is read"
-            + see("howto/read_csv")
+            + page_reference("howto/read_csv")
         )
     motion = _motion(record)
     values, errors, rms = _regression(record, motion)

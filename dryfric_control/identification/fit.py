@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, positive, warn, whole
-from dryfric_control.drawing import MEASURED, labelled, panels
+from dryfric_control.drawing import MEASURED, label_axes, panels
 from dryfric_control.estimation import uncertainty
 from dryfric_control.estimation.force_residual import Sliding, force_start
 from dryfric_control.estimation.likelihood import Likelihood, prepare
@@ -43,7 +43,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction_curve import draw_curve
 from dryfric_control.records.read import RecordLike
 from dryfric_control.records.record import Record
-from dryfric_control.result_table import Quantity, formatted
+from dryfric_control.result_table import Quantity, format_table
 from dryfric_control.store.saved import Saved
 from dryfric_control.text import (
     Result,
@@ -52,11 +52,11 @@ from dryfric_control.text import (
     length_text,
     percent,
     plain_data,
-    prefixed,
+    prefix_unit,
     rotary_words,
     stated,
 )
-from dryfric_control.ties import ranked
+from dryfric_control.ties import stable_order
 from dryfric_control.units import check_units
 
 # Number of starts.
@@ -247,7 +247,7 @@ class Fit(Saved, Result):
             unit = self.units[name]
             low, high = (Quantity(end, None, unit) for end in ends[name])
             rows.append((name, Quantity(value, self.standard_errors[name], unit), low, high))
-        return formatted(("parameter", "value", "90 % from", "to"), rows, form)
+        return format_table(("parameter", "value", "90 % from", "to"), rows, form)
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers of the fit, ready for JSON."""
@@ -269,10 +269,10 @@ class Fit(Saved, Result):
         x = np.concatenate([run.windows.record.x for run in self.training])
         span = float(x.min()), float(x.max())
         draw_curve(axis.replace(effects=()), top, fastest, span, "fitted", color="k", lw=1.5)
-        labelled(top, f"velocity [{length}/s]", f"friction [{force}]")
+        label_axes(top, f"velocity [{length}/s]", f"friction [{force}]")
         first = self.training[0]
         least = min(float(run.rms_by_window.min()) for run in self.training)
-        factor, unit = prefixed(float(np.median(first.rms_by_window)), length)
+        factor, unit = prefix_unit(float(np.median(first.rms_by_window)), length)
         for i, run in enumerate(self.training):
             label = run.windows.record.name if len(self.training) > 1 else "error of each free run"
             style = {"ms": 3, "lw": 0.8, "color": f"C{i}", "label": label}
@@ -281,7 +281,7 @@ class Fit(Saved, Result):
         if least < _NOTHING * first.quantum:
             # Windows at rest, which every model holds, must not squeeze the others together.
             bottom.set_ylim(bottom=_NOTHING * first.quantum / factor)
-        labelled(bottom, "Time [s]", f"RMS error [{unit}]")
+        label_axes(bottom, "Time [s]", f"RMS error [{unit}]")
         return f"{axis.name}: fit"
 
 
@@ -401,7 +401,7 @@ def fit(
     if starts is None:
         starts = _MANY if any(p.breaks_away for p in problem.parameters) else _STARTS
     points = _starting_points(problem, records, starts, seed)
-    return likeliest(problem, points, window, jobs, progress)
+    return maximise_likelihood(problem, points, window, jobs, progress)
 
 
 def problem_of(
@@ -422,7 +422,7 @@ def problem_of(
     return Likelihood(axis, names, runs, tolerance=tolerance, priors=(), hold=hold)
 
 
-def likeliest(
+def maximise_likelihood(
     problem: Likelihood,
     points: Sequence[Floats],
     window: float,
@@ -453,10 +453,10 @@ def likeliest(
         there = breakaway_search(problem, np.concatenate((points[0], noises)))
         found = run(joblib.delayed(refined)(z) for z in there)
         ends += tqdm(found, name, len(there), unit="point", disable=not progress)
-    ends = [ends[i] for i in ranked([one.cost for one in ends], _EQUAL)][:kept]
+    ends = [ends[i] for i in stable_order([one.cost for one in ends], _EQUAL)][:kept]
     if few < COMPARISON_ITERATIONS:
         ends = [maximise(one.problem, one.z, COMPARISON_ITERATIONS, again=True) for one in ends]
-    best = ends[ranked([one.cost for one in ends], _EQUAL)[0]]
+    best = ends[stable_order([one.cost for one in ends], _EQUAL)[0]]
     if not best.point.out:
         best.problem.at(best.z)  # says why there is no such axis
     last = maximise(best.problem, best.z, FINAL_ITERATIONS, again=True)
@@ -481,18 +481,18 @@ def _starting_points(
     first = problem.start()[: len(problem.names)]
     points = [first]
     if starts > 1:
-        points.append(_possible(problem, force_start(problem, first, records), first))
+        points.append(_nearest_valid_point(problem, force_start(problem, first, records), first))
     rng = np.random.default_rng(seed)
     low, high = problem.low[: first.size], problem.high[: first.size]
     while len(points) < starts:
         base = points[len(points) % 2]
         spread = np.array(list(map(_spread, problem.parameters, base)))
         point = base + spread * rng.standard_normal(base.size)
-        points.append(_possible(problem, np.clip(point, low, high), base))
+        points.append(_nearest_valid_point(problem, np.clip(point, low, high), base))
     return points
 
 
-def _possible(problem: Likelihood, point: Floats, base: Floats) -> Floats:
+def _nearest_valid_point(problem: Likelihood, point: Floats, base: Floats) -> Floats:
     """The point, moved towards a base until there is such an axis."""
     for _ in range(8):
         try:
@@ -517,7 +517,7 @@ def _prior(parameters: Sequence[Parameter]) -> Floats:
     return np.array([1.0 / np.log(10.0) ** 2 if p.logarithmic else 0.0 for p in parameters])
 
 
-def _doubts(found: Solution, first: Floats, z: Floats, force: float) -> Iterator[str]:
+def _fit_warnings(found: Solution, first: Floats, z: Floats, force: float) -> Iterator[str]:
     """Messages on bounds, a random force that is correlated in time, and far ends."""
     problem = found.problem
     rows = zip(problem.parameters, first, z, problem.low, problem.high, strict=False)
@@ -582,7 +582,7 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
     records = [r.record for r in problem.runs]
     force = tuple(found.random_force(i) if acting else 0.0 for i in runs)
     said = cannot_tell(axis, records, parameters, values, errors, correlation, away, slopes)
-    said += _doubts(found, first, z, max(force))
+    said += _fit_warnings(found, first, z, max(force))
     messages = tuple(rotary_words(message, axis.units[1]) for message in said)
     for message in messages:
         warn(message, FitWarning)

@@ -12,7 +12,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of
 from dryfric_control.records.motion import directions, usual_speeds
 from dryfric_control.records.record import Record
-from dryfric_control.text import percent, see
+from dryfric_control.text import page_reference, percent
 from dryfric_control.ties import samples
 
 # A standard error beyond this part of the value leaves the value open.
@@ -58,7 +58,7 @@ def _no_effect_messages(
         *most, last = together = [n for n, _ in parts]
         named.update(together)
         if not most:
-            why = _cause(axis, records, parameters[names.index(last)])
+            why = _low_sensitivity_reason(axis, records, parameters[names.index(last)])
             yield f"the data are uninformative about {last}: {why}"
             continue
         change = ", ".join(f"{n} by {c / parts[0][1]:+.3g}" for n, c in parts)
@@ -87,7 +87,7 @@ def _uncertainty_messages(
             much = f"{percent(share)} of" if share < 10.0 else "more than ten times"
             yield (
                 f"{p.name} is hardly determined (standard error {much} its value): "
-                f"{_cause(axis, records, p)}" + see("troubleshooting")
+                f"{_low_sensitivity_reason(axis, records, p)}" + page_reference("troubleshooting")
             )
             named.add(p.name)
 
@@ -129,7 +129,9 @@ def _reason(names: set[str]) -> str:
     return ""
 
 
-def _cause(axis: FrictionAxis, records: Sequence[Record], parameter: Parameter) -> str:
+def _low_sensitivity_reason(
+    axis: FrictionAxis, records: Sequence[Record], parameter: Parameter
+) -> str:
     """Why a parameter has little effect in the records."""
     axis, name = axis.effective(), parameter.name
     force = np.sqrt(np.mean(np.concatenate([r.u for r in records]) ** 2))

@@ -9,7 +9,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance
-from dryfric_control.drawing import MEASURED, labelled, panels
+from dryfric_control.drawing import MEASURED, label_axes, panels
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
@@ -17,7 +17,7 @@ from dryfric_control.model.responses import SimulationResponse
 from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
 from dryfric_control.records.resolution import QUANTA
-from dryfric_control.text import Result, length_text, prefixed
+from dryfric_control.text import Result, length_text, prefix_unit
 from dryfric_control.units import check_units
 
 
@@ -78,7 +78,7 @@ class Replay(Result):
         t, runs, errors = (np.insert(one, ends, np.nan) for one in lines)
         axes[0].plot(record.t, record.x, ".", color=MEASURED, ms=3, label="measured")
         axes[0].plot(t, runs, "k-", lw=1, label="free runs")
-        labelled(axes[0], y=f"position [{length}]")
+        label_axes(axes[0], y=f"position [{length}]")
         _draw_error(axes[1], t, errors, length)
         axes[1].set_xlabel("Time [s]")
         return f"{self.axis.name}: free runs"
@@ -90,9 +90,9 @@ def _rms(values: Floats) -> float:
 
 def _draw_error(ax: Any, t: Any, error: Any, unit: str) -> None:
     """Error of position over time, in a unit in which it is readable."""
-    factor, unit = prefixed(0.1 * float(np.nanmax(np.abs(error))), unit)
+    factor, unit = prefix_unit(0.1 * float(np.nanmax(np.abs(error))), unit)
     ax.plot(t, error / factor, "-", color="C3", lw=0.8, label="simulated - measured")
-    labelled(ax, y=f"error [{unit}]")
+    label_axes(ax, y=f"error [{unit}]")
 
 
 def replay(
@@ -137,7 +137,7 @@ def replay(
     """
     instance("axis", axis, FrictionAxis)
     shift = finite("shift", shift, unit="s")
-    _one(record, "dfc.replay(axis, one)")
+    _refuse_several(record, "dfc.replay(axis, one)")
     record = as_record(record)
     windows = cut(record, window, hold)
     check_units(axis, record)
@@ -187,11 +187,11 @@ class LoopReplay(Result):
         t, y = self.record.t, self.response.y
         axes[0].plot(t, self.record.x, ".", color=MEASURED, ms=3, label="measured")
         axes[0].plot(t, y[0], "k-", lw=1, label="model")
-        labelled(axes[0], y=f"position [{length}]")
+        label_axes(axes[0], y=f"position [{length}]")
         _draw_error(axes[1], t, y[0] - self.record.x, length)
         axes[2].plot(t, self.record.u, ".", color=MEASURED, ms=4, label="measured")
         axes[2].plot(t, y[4], "k-", lw=0.8, label="model")
-        labelled(axes[2], "Time [s]", f"drive force [{force}]")
+        label_axes(axes[2], "Time [s]", f"drive force [{force}]")
         return str(self.response.title)
 
 
@@ -225,7 +225,7 @@ def replay_loop(axis: FrictionAxis, record: Record, controller: PositionControll
     True
     """
     instance("axis", axis, FrictionAxis)
-    _one(record, "dfc.replay_loop(axis, one, controller)")
+    _refuse_several(record, "dfc.replay_loop(axis, one, controller)")
     instance("record", record, Record)
     instance("controller", controller, PositionController)
     check_units(axis, record)
@@ -242,7 +242,7 @@ def replay_loop(axis: FrictionAxis, record: Record, controller: PositionControll
     return LoopReplay(record, response, axis.units)
 
 
-def _one(record: Any, call: str) -> None:
+def _refuse_several(record: Any, call: str) -> None:
     """Refuse several records, which `fit` and `diagnose` take, with the call for each."""
     if isinstance(record, (list, tuple)):
         raise ValueError(

@@ -10,7 +10,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import instance, positive, warn
-from dryfric_control.drawing import MEASURED, labelled, panels
+from dryfric_control.drawing import MEASURED, label_axes, panels
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis, span_of
 from dryfric_control.model.loops import PositionController, simulate_loop
@@ -70,9 +70,9 @@ class SlowRamp(Result):
         record = self.record
         axes[0].plot(record.t, record.x, "-", color=MEASURED, lw=2.5, label="position")
         axes[0].plot(record.t, self.reference, "--", color="C0", lw=1, label="reference")
-        labelled(axes[0], y=f"position [{length}]")
+        label_axes(axes[0], y=f"position [{length}]")
         axes[1].plot(record.t, record.u, "-", color="0.4", lw=0.8)
-        labelled(axes[1], "Time [s]", f"drive force [{force}]", legend=False)
+        label_axes(axes[1], "Time [s]", f"drive force [{force}]", legend=False)
         return record.name or "slow ramp"
 
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from dryfric_control.arrays import Ints
 from dryfric_control.checks import instance, whole
-from dryfric_control.drawing import MEASURED, labelled, panels
+from dryfric_control.drawing import MEASURED, label_axes, panels
 from dryfric_control.estimation.parameters import choose, typical, values_of
-from dryfric_control.identification.fit import WINDOW, Fit, likeliest, problem_of
+from dryfric_control.identification.fit import WINDOW, Fit, maximise_likelihood, problem_of
 from dryfric_control.identification.replay import LoopReplay, replay_loop
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import Stribeck
@@ -122,8 +122,8 @@ class StribeckIdentification(Result):
             low, high = s * self.axis.coulomb(places, s), s * self.axis.breakaway(places, s)
             axes[0].plot(places, low, "--", color="C2", lw=1, label=level)
             axes[0].plot(places, high, ":", color="C3", lw=1, label=most)
-        labelled(axes[0], f"position [{length}]", f"drive force [{force}]")
-        labelled(axes[1], "Time [s]", f"drive force [{force}]", legend=False)
+        label_axes(axes[0], f"position [{length}]", f"drive force [{force}]")
+        label_axes(axes[1], "Time [s]", f"drive force [{force}]", legend=False)
         if self.measured is not None:
             # A dozen periods: the whole record would hide the ripple.
             middle = float(record.t[len(record) // 4])
@@ -238,13 +238,15 @@ def identify_stribeck(
             f"record holds {sticks.end.size} stick phases that end in motion, at least {_FEWEST} "
             "are needed: crawl slower, or with a softer loop"
         )
-    axis, guesses = _guesses(axis, record, free)
+    axis, guesses = _starting_axes(axis, record, free)
     problem = problem_of(axis, [record], free)
     points = [
         np.array([p.search(v) for p, v in zip(problem.parameters, values, strict=True)])
         for values in (values_of(one, problem.names) for one in guesses)
     ]
-    found = likeliest(problem, points, WINDOW, jobs, progress, "identify_stribeck", starts, True)
+    found = maximise_likelihood(
+        problem, points, WINDOW, jobs, progress, "identify_stribeck", starts, True
+    )
     if controller is None:
         return StribeckIdentification(found, ripple(record), None, None)
     loop = replay_loop(found.axis, record, controller)
@@ -277,7 +279,7 @@ def _branches(
     return tuple(found)
 
 
-def _guesses(
+def _starting_axes(
     axis: FrictionAxis, record: Record, free: Sequence[str]
 ) -> tuple[FrictionAxis, list[FrictionAxis]]:
     """The axis with a peak, in the middle of what is searched, and axes to start from."""

@@ -31,9 +31,9 @@ from dryfric_control.model.responses import (
     SimulationResponse,
     check_finite,
     check_mode,
-    located,
+    locate_switches,
 )
-from dryfric_control.text import rotary_words, see, table
+from dryfric_control.text import page_reference, rotary_words, table
 from dryfric_control.units import axis_units, on_axis
 
 SWITCHING = {"filippov": axis_step.FILIPPOV, "paper": axis_step.PAPER}
@@ -65,7 +65,7 @@ class Arrays(NamedTuple):
     integers: Ints
     memory: int  # length of the memory that a run needs
 
-    def started(self, x0: float, v0: float) -> Floats:
+    def start_memory(self, x0: float, v0: float) -> Floats:
         """Memory of an axis that starts at a position with a velocity."""
         memory = np.zeros(self.memory)
         memory[:2] = x0, v0
@@ -75,11 +75,11 @@ class Arrays(NamedTuple):
         """Move the axis, whose memory is changed, over one sample of a held input."""
         axis_step.step(*self[:2], memory, t, dt, u)
 
-    def seen(self, memory: Floats, t: float, dt: float, u: float) -> tuple[float, float, int]:
+    def outputs_at(self, memory: Floats, t: float, dt: float, u: float) -> tuple[float, float, int]:
         """Velocity, friction and mode at an instant at which the input is u."""
         return axis_step.outputs_now(*self[:2], memory, t, dt, u)
 
-    def reading(self, memory: Floats, t: float) -> float:
+    def encoder_reading(self, memory: Floats, t: float) -> float:
         """Position, as an encoder reads it."""
         return float(axis_step.reading_now(*self[:2], memory, t))
 
@@ -348,9 +348,17 @@ class FrictionAxis:
         else:
             check_pace(self, dt)
             a, first = self.arrays(dt), hold == "first"
-            events = located(
+            events = locate_switches(
                 lambda room: axis_step.run(
-                    a.numbers, a.integers, a.started(x0, v0), force, known, dt, first, room, outputs
+                    a.numbers,
+                    a.integers,
+                    a.start_memory(x0, v0),
+                    force,
+                    known,
+                    dt,
+                    first,
+                    room,
+                    outputs,
                 )
             )
         check_finite(outputs)
@@ -409,7 +417,7 @@ class FrictionAxis:
 
         states = ["x", "v", "lagged"] if inner.lag > 0.0 else ["x", "v"]
         name = f"{self.name}_{MODE_LABELS[index]}"
-        return Block.of(update, output, "u", "x v F", states, 0, name)
+        return Block.from_functions(update, output, "u", "x v F", states, 0, name)
 
     def mode_ss(
         self,
@@ -497,10 +505,10 @@ class FrictionAxis:
                     f'lower dt or {what}, or take method="zoh"'
                 )
         if input == "drive" and inner.delay > 0.0:
-            a, b = _delayed(a, b, inner.delay, dt, method)
+            a, b = _delay_matrices(a, b, inner.delay, dt, method)
             states += [f"u_{k}" for k in range(1, len(a) - len(states) + 1)]
         elif dt > 0.0:
-            a, b = _held(a, b, dt, method)
+            a, b = _hold_matrices(a, b, dt, method)
         names = {"inputs": ["u" if input == "drive" else "d"], "outputs": ["x"], "states": states}
         name = f"{self.name}_{MODE_LABELS[index]}"
         system = ModeStateSpace(a, b, np.eye(1, len(a)) * read, [[0.0]], dt, name=name, **names)
@@ -621,7 +629,7 @@ def _slope(function: Callable[[float], float], reach: float) -> float:
 
 def _read(arrays: Arrays, t: float, x: float) -> float:
     """Position as an encoder reads it."""
-    return arrays.reading(arrays.started(x, 0.0), t)
+    return arrays.encoder_reading(arrays.start_memory(x, 0.0), t)
 
 
 def _no_states(delay: float, mend: str) -> ValueError:
@@ -645,7 +653,7 @@ def mode_matrices(
     return A, np.array([inverse_mass * drift, inverse_mass * moved])
 
 
-def _held(a: Floats, b: Floats, h: float, method: str) -> tuple[Floats, Floats]:
+def _hold_matrices(a: Floats, b: Floats, h: float, method: str) -> tuple[Floats, Floats]:
     """Matrices of a time h over which the input is held."""
     n, rate = len(a), -float(a[1, 1])
     if method == "zoh" and n == 2 and a[1, 0] == 0.0 and rate >= 0.0:
@@ -656,7 +664,9 @@ def _held(a: Floats, b: Floats, h: float, method: str) -> tuple[Floats, Floats]:
     return held[:n, :n], held[:n, n:]
 
 
-def _delayed(a: Floats, b: Floats, delay: float, dt: float, method: str) -> tuple[Floats, Floats]:
+def _delay_matrices(
+    a: Floats, b: Floats, delay: float, dt: float, method: str
+) -> tuple[Floats, Floats]:
     """Matrices of one sample whose input is that of a while ago; earlier inputs are states."""
     if dt == 0.0:
         raise _no_states(delay, "give dt")
@@ -668,10 +678,10 @@ def _delayed(a: Floats, b: Floats, delay: float, dt: float, method: str) -> tupl
     # In the sample the older input acts first, for a part of it, then the newer one.
     whole, part = axis_step._whole_samples(delay, dt)
     n, length = len(a), whole + (part > 0.0)
-    a_new, b_new = _held(a, b, (1.0 - part) * dt, method)
-    a_old, b_old = _held(a, b, part * dt, method)
+    a_new, b_new = _hold_matrices(a, b, (1.0 - part) * dt, method)
+    a_old, b_old = _hold_matrices(a, b, part * dt, method)
     if method == "euler":
-        a_old, _ = _held(a, b, dt, method)
+        a_old, _ = _hold_matrices(a, b, dt, method)
         a_new = np.eye(n)
     given = np.zeros((n, whole + 2))  # columns of the inputs, the newest first
     given[:, [whole]], given[:, [whole + 1]] = b_new, a_new @ b_old
@@ -728,14 +738,14 @@ class AxisStepper:
         self.dt = positive("dt", dt, unit="s")
         check_pace(axis, self.dt)
         self._arrays = axis.arrays(self.dt)
-        self._memory = self._arrays.started(finite("x0", x0), finite("v0", v0))
+        self._memory = self._arrays.start_memory(finite("x0", x0), finite("v0", v0))
         self._samples = 0
         self.F = 0.0
 
     @property
     def x(self) -> float:
         """Position, as an encoder reads it [m]."""
-        return self._arrays.reading(self._memory, self.time)
+        return self._arrays.encoder_reading(self._memory, self.time)
 
     @property
     def v(self) -> float:
@@ -763,7 +773,7 @@ class AxisStepper:
         force = finite("u", u)
         self._arrays.step(self._memory, self.time, self.dt, force)
         self._samples += 1
-        _, self.F, _ = self._arrays.seen(self._memory, self.time, self.dt, force)
+        _, self.F, _ = self._arrays.outputs_at(self._memory, self.time, self.dt, force)
 
 
 def known_force(load: ArrayLike | None, size: int, name: str = "load") -> Floats:
@@ -861,7 +871,8 @@ def rigid_inner(axis: FrictionAxis) -> Inner:
         raise ValueError(
             f"a mode has no place for {' and '.join(elastic)}: leave it out, as in "
             "axis.replace(effects=...), or linearise the whole axis where it moves, "
-            "control.linearize(dfc.axis_block(axis, dt), states, [u])" + see("howto/modes")
+            "control.linearize(dfc.axis_block(axis, dt), states, [u])"
+            + page_reference("howto/modes")
         )
     return inner
 

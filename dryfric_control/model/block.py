@@ -27,7 +27,7 @@ class Block(ct.NonlinearIOSystem):
     """
 
     @classmethod
-    def of(
+    def from_functions(
         cls, update: Function | None, output: Function, inputs: str, outputs: str,
         states: Sequence[str], dt: float, name: str,
     ) -> Block:  # fmt: skip
@@ -53,7 +53,7 @@ class Block(ct.NonlinearIOSystem):
         )  # fmt: skip
 
     @classmethod
-    def stepped(
+    def from_step(
         cls, step: Function, inputs: str, outputs: str, states: Sequence[str], dt: float, name: str,
         whole: Ranges | None = None,
     ) -> Block:  # fmt: skip
@@ -81,7 +81,7 @@ class Block(ct.NonlinearIOSystem):
         def output(t: float, x: Any, u: Any) -> Any:
             return sample(t, x, u)[0]
 
-        return cls.of(update, output, inputs, outputs, states, dt, name)
+        return cls.from_functions(update, output, inputs, outputs, states, dt, name)
 
     def linearize(self, *point: Any, copy_names: bool = True, **kwargs: Any) -> ct.StateSpace:
         """Linear system at a point, with the names of this block's signals."""

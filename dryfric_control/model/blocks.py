@@ -76,11 +76,15 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
 
     def output(t: float, x: Any, u: Any) -> Floats:
         memory = full(x)
-        return np.array([arrays.reading(memory, t), *arrays.seen(memory, t, dt, u[0])])
+        return np.array(
+            [arrays.encoder_reading(memory, t), *arrays.outputs_at(memory, t, dt, u[0])]
+        )
 
     states = ["x", "v", "mode", "rest", "lagged", "deflection", "offset", "slip"]
     states += [f"u{i}" for i in range(arrays.memory - axis_step.HISTORY)]
-    return Block.of(update, output, "u", "x v F mode", states[:size], dt, name or axis.name)
+    return Block.from_functions(
+        update, output, "u", "x v F mode", states[:size], dt, name or axis.name
+    )
 
 
 def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.NonlinearIOSystem:
@@ -109,7 +113,7 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
     1.0
     """
     dt = positive("dt", dt, unit="s")
-    _memoryless(axis, "supervisor")
+    _require_memoryless(axis, "supervisor")
     arrays = axis.arrays(dt)
 
     def memory(state: Any, u: Any) -> Floats:
@@ -121,9 +125,9 @@ def supervisor(axis: FrictionAxis, dt: float, name: str = "supervisor") -> ct.No
         return after[2:3]
 
     def output(t: float, x: Any, u: Any) -> Floats:
-        return np.array(arrays.seen(memory(x, u), t, dt, u[0])[2:], dtype=float)
+        return np.array(arrays.outputs_at(memory(x, u), t, dt, u[0])[2:], dtype=float)
 
-    return Block.of(update, output, "u x v", "mode", ["mode"], dt, name)
+    return Block.from_functions(update, output, "u x v", "mode", ["mode"], dt, name)
 
 
 def _mode_flow(axis: FrictionAxis, index: int, dt: float) -> ct.NonlinearIOSystem:
@@ -137,12 +141,12 @@ def _mode_flow(axis: FrictionAxis, index: int, dt: float) -> ct.NonlinearIOSyste
         # An axis that breaks away against its remaining velocity loses that velocity.
         speed = 0.0 if index * speed < 0.0 else speed
         memory = np.array([position, speed, float(index), 0.0, 0.0])
-        now, friction, _ = arrays.seen(memory, t, dt, force)
+        now, friction, _ = arrays.outputs_at(memory, t, dt, force)
         arrays.step(memory, t, dt, force)
         return np.array([memory[0], memory[1], now, friction])
 
     name = MODE_LABELS[index]
-    return Block.of(None, output, "u x v mode", "x_next v_next v_now F", (), dt, name)
+    return Block.from_functions(None, output, "u x v mode", "x_next v_next v_now F", (), dt, name)
 
 
 def switched_axis(
@@ -173,7 +177,7 @@ def switched_axis(
     ['state', 'supervisor', 'stuck', 'plus', 'minus']
     """
     dt = positive("dt", dt, unit="s")
-    _memoryless(axis, "switched_axis")
+    _require_memoryless(axis, "switched_axis")
     name = string("name", name or axis.name)
     zero, one = np.zeros((2, 2)), np.eye(2)
     names = {"inputs": ["x_next", "v_next"], "outputs": ["x", "v"], "states": ["x", "v"]}
@@ -225,7 +229,9 @@ def encoder(quantum: float, dt: float, name: str = "encoder") -> ct.NonlinearIOS
     quantum = positive("quantum", quantum, unit="m", zero=True)
     dt = positive("dt", dt, unit="s")
     check_quantum_and_dt("quantum", quantum, dt)
-    return Block.of(None, lambda t, x, u: np.array([encode(u[0], quantum)]), "x", "y", (), dt, name)
+    return Block.from_functions(
+        None, lambda t, x, u: np.array([encode(u[0], quantum)]), "x", "y", (), dt, name
+    )
 
 
 def reference_filter(
@@ -303,7 +309,7 @@ def position_controller(
     return PositionController.from_bandwidth(axis, bandwidth, dt, limit).block(name)
 
 
-def _memoryless(axis: FrictionAxis, what: str) -> None:
+def _require_memoryless(axis: FrictionAxis, what: str) -> None:
     instance("axis", axis, FrictionAxis)
     for effect in axis.effects:
         if effect.remembers or effect.action == "reading":

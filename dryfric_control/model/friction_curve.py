@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
 from dryfric_control.compiled.windowed_runs import NO_FORCE, accelerations
-from dryfric_control.text import typeset
+from dryfric_control.text import typeset_signs
 
 #: A `FrictionAxis`, which is built upon this module.
 Axis = Any
@@ -99,7 +99,7 @@ def draw_friction(axis: Axis, ax: Any, speed: float, span: tuple[float, float]) 
         name = "breakaway friction force" if s > 0 else None
         ax.plot(start, level, "o", color="C3", ms=4, label=name)
         ax.annotate(
-            typeset(f"{abs(level - axis.viscous * start):.3g} {force}"), (start, level),
+            typeset_signs(f"{abs(level - axis.viscous * start):.3g} {force}"), (start, level),
             (8 * s, 5 * s), textcoords="offset points", fontsize="small", color="C3",
             ha="left" if s > 0 else "right", va="bottom" if s > 0 else "top",
         )  # fmt: skip

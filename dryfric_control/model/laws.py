@@ -70,7 +70,7 @@ class _Motion:
         )
         self.kinks = np.unique([0, *np.flatnonzero(~straight) + 1, u.size]).tolist()
 
-    def enter(self, begin: int, end: int, x: float, v: float) -> None:
+    def start_piece(self, begin: int, end: int, x: float, v: float) -> None:
         """Start the piece of input from sample `begin` to sample `end`."""
         first, last = float(self.u[begin]), float(self.ends[end - 1])
         #: Whether the input laws bend between the inputs, so that each instant is looked up.
@@ -127,7 +127,7 @@ class Law(ABC):
     def _solve(self, motion: _Motion, level: float, x: float, v: float, out: Floats) -> None:
         """Fill the rows x, v, F, mode of `out`; `level` is the friction at the start."""
 
-    def _failed(self, k: float) -> RuntimeError:
+    def _step_error(self, k: float) -> RuntimeError:
         return RuntimeError(
             f"{type(self).__name__}: no step from sample {int(k)} on meets tolerance = "
             f"{self.tolerance:g}; raise it or shorten dt"
@@ -174,7 +174,7 @@ class Law(ABC):
                 f"{type(self).__name__} does not carry input_delay and actuator_lag: remove them "
                 "from axis.effects, or delay and filter u yourself"
             )
-        motion.enter(0, 1, x0, 0.0)
+        motion.start_piece(0, 1, x0, 0.0)
         level = 0.5 * sum(motion.forces(0.0, x0, 0.0, s, s)[1] for s in (1.0, -1.0))
         if not level > 0.0:
             raise ValueError(
@@ -197,7 +197,7 @@ class _Switched(Law):
         unit, band = np.array([motion.dt, 1.0]) * level * motion.push, self.band
         s, rest, switches = int(np.sign(v)) if abs(v) > band else 0, 0.0, 0
         for begin, end in pairwise(motion.kinks):
-            motion.enter(begin, end, x, v if s else 0.0)
+            motion.start_piece(begin, end, x, v if s else 0.0)
             k = float(begin)
             while k < end:
                 before, start = k, s
@@ -207,7 +207,7 @@ class _Switched(Law):
                         v, s, rest = s * band, 0, 0.0
                 else:
                     if k == int(k):
-                        out[:, int(k)] = self._seen(motion, k, x, v, s, rest)
+                        out[:, int(k)] = self._sample_outputs(motion, k, x, v, s, rest)
                     stop = min(math.floor(k) + 1.0, end)
                     wait, s, gain = self._wait(motion, k, stop, x, v, rest)
                     rest += wait * motion.dt
@@ -215,18 +215,20 @@ class _Switched(Law):
                     k = stop if stop - k - wait <= _SHORTEST else k + wait
                 switches = switches + (s != start) if k - before <= _SHORTEST else 0
                 if switches > _MOST_SWITCHES:
-                    raise self._failed(k)
+                    raise self._step_error(k)
 
-    def _seen(
+    def _sample_outputs(
         self, motion: _Motion, k: float, x: float, v: float, s: int, rest: float
     ) -> tuple[float, float, float, float]:
         """Position, velocity, friction and direction at a sample."""
         if s:
             return x, v, s * motion.forces(k, x, v, s, s)[1], s
-        friction, *beyond = self._held(motion, k, x, rest)
+        friction, *beyond = self._resting_load(motion, k, x, rest)
         return x, 0.0, friction - max(beyond[0], 0.0) + max(beyond[1], 0.0), 0.0
 
-    def _held(self, motion: _Motion, k: float, x: float, rest: float) -> tuple[float, float, float]:
+    def _resting_load(
+        self, motion: _Motion, k: float, x: float, rest: float
+    ) -> tuple[float, float, float]:
         """Load at rest, and what it has beyond friction to either side."""
         plus, minus = (motion.forces(k, x, 0.0, 0.0, side, rest) for side in (1.0, -1.0))
         return plus[0], plus[0] - plus[self._held_by], -minus[0] - minus[self._held_by]
@@ -259,7 +261,7 @@ class _Switched(Law):
             max_step=motion.longest,
         )  # fmt: skip
         if run.status < 0:
-            raise self._failed(begin)
+            raise self._step_error(begin)
         for at, y in zip(run.t_events[1], run.y_events[1], strict=True):
             if at < end and outside(at, y) < 0.0:
                 # The velocity has a minimum in the band between two steps: stop there.
@@ -267,7 +269,7 @@ class _Switched(Law):
         for at, y in zip(run.t, np.transpose(run.y), strict=True):
             if at < end:
                 x, v = (y * unit).tolist()
-                out[:, int(at)] = self._seen(motion, at, x, v, s, 0.0)
+                out[:, int(at)] = self._sample_outputs(motion, at, x, v, s, 0.0)
         k, y = (run.t_events[0][0], run.y_events[0][0]) if run.status else (end, run.y[:, -1])
         x, v = (y * unit).tolist()
         return k, x, v, run.status == 1
@@ -279,8 +281,8 @@ class _Switched(Law):
         # Forces are linear up to `stop`, exact unless an effect depends on time.  The mass leaves
         # once the net force at the band's edge points outwards: else drag there switches endlessly.
         left, band = stop - k, self.band
-        now = self._held(motion, k, x, rest)[1:]
-        then = self._held(motion, stop, x, rest + left * motion.dt)[1:]
+        now = self._resting_load(motion, k, x, rest)[1:]
+        then = self._resting_load(motion, stop, x, rest + left * motion.dt)[1:]
         side, start = -1, left
         for i in range(2):
             # Ignore the round-off left of a load that has just fallen below friction.
@@ -300,14 +302,14 @@ class _Switched(Law):
         if out > last or inside < 0.0:
             gain = (over + 0.5 * slope * (last - start)) * (last - start) * motion.push
             return last, 0, s * gain
-        outward, later = (self._outward(motion, at, x, s) for at in (k, stop))
+        outward, later = (self._outward_force(motion, at, x, s) for at in (k, stop))
         if outward + (later - outward) * out / left < 0.0:
             out = left * outward / (outward - later) if later > 0.0 else last
             if out >= last:
                 return last, 0, s * (band - s * v)
         return out, s, 0.0
 
-    def _outward(self, motion: _Motion, k: float, x: float, s: int) -> float:
+    def _outward_force(self, motion: _Motion, k: float, x: float, s: int) -> float:
         """Net force at the edge of the band, outwards."""
         w, level, _ = motion.forces(k, x, s * self.band, s, s)
         return s * w - motion.viscous * self.band - level
@@ -334,7 +336,7 @@ class _Smooth(Law):
             motion.longest * motion.dt, motion.stick_speed, out,
         )  # fmt: skip
         if failed >= 0:
-            raise self._failed(failed)
+            raise self._step_error(failed)
 
 
 @with_parameters

@@ -16,9 +16,9 @@ from dryfric_control.compiled import loop as kernel
 from dryfric_control.model.axis import Arrays, FrictionAxis, check_pace, without_effects
 from dryfric_control.model.block import Block
 from dryfric_control.model.profiles import MotionProfile
-from dryfric_control.model.responses import SimulationResponse, check_finite, located
+from dryfric_control.model.responses import SimulationResponse, check_finite, locate_switches
 from dryfric_control.order import check_bandwidth_and_dt
-from dryfric_control.text import see, stated, with_parameters
+from dryfric_control.text import page_reference, stated, with_parameters
 from dryfric_control.units import same_unit
 
 
@@ -191,7 +191,7 @@ class PositionController:
             return np.array([kernel.control_update(gains, memory, u[0], u[1])])
 
         states = ["integral", "speed", *(f"y{i + 1}" for i in range(kernel.LONGEST_SPAN))]
-        return Block.stepped(step, "xref y", "u", states, self.dt, name)
+        return Block.from_step(step, "xref y", "u", states, self.dt, name)
 
 
 def simulate_loop(
@@ -262,10 +262,10 @@ def simulate_loop(
     out = np.empty((6, r.size))
 
     def run(room: int) -> tuple[Floats, int]:
-        memory = arrays.started(x0, v0)
+        memory = arrays.start_memory(x0, v0)
         return controller.run(LoopRun(arrays, memory, motion, force, quantum, room, out))
 
-    events = located(run)
+    events = locate_switches(run)
     check_finite(out)
     _warn_if_divergent(axis, motion, force, out)
     labels = {"output_labels": ["x", "v", "F", "mode", "u", "y"], "input_labels": ["r"]}
@@ -306,6 +306,7 @@ def _warn_if_divergent(
         cause = "The drive stays at its limit, which does not hold the load: raise the limit"
     warn(
         f"the loop diverges: its error reaches {error:.3g} {length}, where reference, start and "
-        f"disturbance account for {travel:.3g} {length}. {cause}" + see("troubleshooting"),
+        f"disturbance account for {travel:.3g} {length}. {cause}"
+        + page_reference("troubleshooting"),
         RuntimeWarning,
     )

@@ -163,7 +163,7 @@ def motion_profile(
     return MotionProfile(dt, position, speed, rate, unit)
 
 
-def _after(h: Any, state: Any, jerk: Any) -> tuple[Any, Any, Any]:
+def _state_after_jerk(h: Any, state: Any, jerk: Any) -> tuple[Any, Any, Any]:
     """Position, velocity and acceleration after a time of constant jerk."""
     x, v, a = state
     x = x + h * (v + h * (a / 2.0 + h * jerk / 6.0))
@@ -183,11 +183,13 @@ def _move(start: float, end: float, dt: float, v: float, a: float, j: float, uni
     # State at the start of every phase.
     states = np.zeros((8, 3))
     for i, (jerk, h) in enumerate(zip(jerks, lengths, strict=True)):
-        states[i + 1] = _after(h, states[i], jerk)
+        states[i + 1] = _state_after_jerk(h, states[i], jerk)
     t = np.arange(math.ceil(ends[-1] / dt - 1e-9)) * dt
     phase = np.minimum(np.searchsorted(ends, t, side="right"), 6)
     h = t - np.concatenate([[0.0], ends[:-1]])[phase]
-    rows = math.copysign(1.0, end - start) * np.array(_after(h, states[phase].T, jerks[phase]))
+    rows = math.copysign(1.0, end - start) * np.array(
+        _state_after_jerk(h, states[phase].T, jerks[phase])
+    )
     rows[0] += start
     return rows
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dryfric_control.arrays import Floats, Ints
 from dryfric_control.compiled.axis_step import MOST_ROOM, ROOM, TooManySwitchesError
 from dryfric_control.drawing import legend_above, over_time, panels, shade_stuck
-from dryfric_control.text import documented, prefixed, stated, typeset
+from dryfric_control.text import documented, prefix_unit, stated, typeset_signs
 
 if TYPE_CHECKING:
     import pandas
@@ -69,7 +69,7 @@ class Events:
 _LARGEST = 1e100
 
 
-def located(run: Callable[[int], tuple[Floats, int]]) -> Events:
+def locate_switches(run: Callable[[int], tuple[Floats, int]]) -> Events:
     """Switches of a run, given the room for those of one sample; it says how many had none."""
     room = ROOM
     while room <= MOST_ROOM:
@@ -187,11 +187,11 @@ class SimulationResponse(Response):
         self.events = events
 
     @property
-    def _follows(self) -> bool:
+    def _has_reference(self) -> bool:
         """Whether the input is a reference of the position."""
         return bool(self.input_labels[0] == "r")
 
-    @panels(lambda self: 3 + self._follows)
+    @panels(lambda self: 3 + self._has_reference)
     def plot(self, axes: Any) -> str:
         """Draw position, velocity and force; a grey band at rest.
 
@@ -201,13 +201,13 @@ class SimulationResponse(Response):
         labels = self.output_labels
         axes[0].plot(self.t, self.y[0], "k", label="x")
         names = [f"position [{length}]", f"velocity [{length}/s]", f"force [{force}]"]
-        if self._follows:
+        if self._has_reference:
             axes[0].plot(self.t, self.u[0], "C0--", linewidth=1.0, label="reference")
             error = self.u[0] - self.y[0]
-            factor, short = prefixed(float(np.abs(error).max()), length)
+            factor, short = prefix_unit(float(np.abs(error).max()), length)
             axes[1].plot(self.t, error / factor, "C3", linewidth=1.0)
             axes[1].axhline(0.0, color="k", linewidth=0.6, zorder=0)
-            names.insert(1, typeset(f"error [{short}]"))
+            names.insert(1, typeset_signs(f"error [{short}]"))
         velocity, forces = axes[-2:]
         velocity.plot(self.t, self.y[1], "k", label="v")
         drive = self.y[labels.index("u")] if "u" in labels else self.u[0]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import one_of, positive, short, string
+from dryfric_control.checks import describe_value, one_of, positive, string
 
 #: How a linear system is discretised, by the names of python-control.
 METHODS = ("tustin", "zoh", "foh", "euler", "backward_diff")
@@ -65,7 +65,7 @@ def sampled(
     if not isinstance(controller, (ct.TransferFunction, ct.NonlinearIOSystem)):
         raise ValueError(
             "controller must be a control.StateSpace, TransferFunction or NonlinearIOSystem, got "
-            f"{short(controller)}"
+            f"{describe_value(controller)}"
         )
     name = string("name", name or controller.name)
     base = controller.dt
@@ -81,7 +81,7 @@ def sampled(
             f"method = {method!r} is for linear systems, and {controller.name!r} is nonlinear: its "
             'input is held over a sample, method="zoh"'
         )
-    return _nonlinear(controller, dt, name)
+    return _as_nonlinear(controller, dt, name)
 
 
 def _linear(controller: Any, dt: float, method: str, name: str) -> ct.StateSpace:
@@ -104,7 +104,7 @@ def _linear(controller: Any, dt: float, method: str, name: str) -> ct.StateSpace
     return ct.ss(found.A, found.B, found.C, found.D, dt, name=name, **names)
 
 
-def _nonlinear(controller: Any, dt: float, name: str) -> ct.NonlinearIOSystem:
+def _as_nonlinear(controller: Any, dt: float, name: str) -> ct.NonlinearIOSystem:
     discrete = controller.isdtime(strict=True)
 
     def update(t: float, x: Any, u: Any, params: Any) -> Floats:

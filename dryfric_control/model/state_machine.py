@@ -13,7 +13,7 @@ from dryfric_control.checks import instance
 from dryfric_control.drawing import axes_of, control_plot
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.responses import MODE_NAMES
-from dryfric_control.text import typeset
+from dryfric_control.text import typeset_signs
 
 # Boxes of the modes in axes coordinates: left, bottom, width, height.
 _BOXES = {-1: (0.0, 0.60, 0.34, 0.33), 1: (0.66, 0.60, 0.34, 0.33), 0: (0.34, 0.12, 0.32, 0.31)}
@@ -66,7 +66,7 @@ def plot_state_machine(axis: FrictionAxis, ax: Any = None) -> ct.ControlPlot:
     for s in (1, -1):
         _between_stuck(one, axis, force, s)
         _reversal(one, axis, force, s)
-    words = "\n".join(_below(axis, force))
+    words = "\n".join(_shared_numbers(axis, force))
     one.text(0.5, 0.0, words, ha="center", va="bottom", fontsize=_SMALL)
     return control_plot(axes)
 
@@ -76,7 +76,7 @@ def _levels(axis: FrictionAxis, level: Callable[[ArrayLike, int], Any], s: int) 
     places = np.linspace(*axis.travel, 1001) if axis.travel else np.zeros(1)
     values = np.asarray(level(places, s), dtype=float)
     low, high = f"{values.min():.3g}", f"{values.max():.3g}"
-    unit = typeset(axis.units[1])
+    unit = typeset_signs(axis.units[1])
     return f"{low if low == high else f'{low} to {high}'} {unit}"
 
 
@@ -96,11 +96,11 @@ def _modes(axis: FrictionAxis, force: str) -> dict[int, list[str]]:
     return rows
 
 
-def _below(axis: FrictionAxis, force: str) -> list[str]:
+def _shared_numbers(axis: FrictionAxis, force: str) -> list[str]:
     """Numbers that all modes share, and what the letters mean."""
     length = axis.units[0]
-    shared = [typeset(f"m = {axis.mass:.4g} {axis.unit('kg')}")]
-    shared += [typeset(f"f = {axis.viscous:.4g} {axis.unit('N s/m')}")]
+    shared = [typeset_signs(f"m = {axis.mass:.4g} {axis.unit('kg')}")]
+    shared += [typeset_signs(f"f = {axis.viscous:.4g} {axis.unit('N s/m')}")]
     if axis.stribeck:
         shared += [rf"$\sigma$ = {axis.stribeck.excess:.4g}"]
         shared += [rf"$v_s$ = {axis.stribeck.speed:.4g} {length}/s"]
@@ -129,14 +129,14 @@ def _box(ax: Any, mode: int, rows: list[str]) -> None:
         ax.text(middle, y, text, weight="normal" if i else "bold", **style)
 
 
-def _arrow(ax: Any, start: tuple[float, float], end: tuple[float, float], bend: str) -> None:
+def _draw_arrow(ax: Any, start: tuple[float, float], end: tuple[float, float], bend: str) -> None:
     from matplotlib.patches import FancyArrowPatch
 
     look: dict[str, Any] = {"connectionstyle": bend, "arrowstyle": "-|>", "mutation_scale": 13}
     ax.add_patch(FancyArrowPatch(start, end, color="k", lw=1.1, shrinkA=0, shrinkB=0, **look))
 
 
-def _beyond(force: str, s: int) -> str:
+def _excess_load_formula(force: str, s: int) -> str:
     """Load beyond the breakaway level of one direction, as a formula."""
     return rf"{force} > F_{{b+}}" if s > 0 else rf"{force} < -F_{{b-}}"
 
@@ -149,13 +149,13 @@ def _between_stuck(ax: Any, axis: FrictionAxis, force: str, s: int) -> None:
         return 0.5 + s * (x - 0.5)
 
     # Breakaway: from the top of the box at rest up to the sliding one.
-    _arrow(ax, (across(0.62), 0.43), (across(0.70), 0.60), "arc3")
+    _draw_arrow(ax, (across(0.62), 0.43), (across(0.70), 0.60), "arc3")
     ax.text(
-        across(0.64), 0.52, f"${_beyond(force, s)}$",
+        across(0.64), 0.52, f"${_excess_load_formula(force, s)}$",
         ha="right" if s > 0 else "left", va="center", fontsize=_SMALL,
     )  # fmt: skip
     # Coming to rest: down from the sliding box, then in to the one at rest.
-    _arrow(ax, (across(0.93), 0.60), (across(0.66), 0.22), "angle,angleA=-90,angleB=0,rad=8")
+    _draw_arrow(ax, (across(0.93), 0.60), (across(0.66), 0.22), "angle,angleA=-90,angleB=0,rad=8")
     speed = f"{axis.stick_speed:.4g} {axis.units[0]}/s"
     rows = [rf"$|v| \leq \Sigma$ = {speed}", rf"and  $-F_{{c-}} \leq {force} \leq F_{{c+}}$"]
     if axis.stribeck and axis.switching == "filippov":
@@ -173,9 +173,9 @@ def _reversal(ax: Any, axis: FrictionAxis, force: str, s: int) -> None:
     """From one direction of sliding straight to the other."""
     height = 0.835 if s > 0 else 0.695
     start, end = (0.34, 0.66) if s > 0 else (0.66, 0.34)
-    _arrow(ax, (start, height), (end, height), "arc3")
+    _draw_arrow(ax, (start, height), (end, height), "arc3")
     if axis.switching == "filippov":
-        text = f"$v = 0$ and ${_beyond(force, s)}$"
+        text = f"$v = 0$ and ${_excess_load_formula(force, s)}$"
     else:
         text = "$v > 0$" if s > 0 else "$v < 0$"
     ax.text(

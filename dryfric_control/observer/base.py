@@ -319,7 +319,7 @@ class Observer(Saved):
 
         states = self.state_names()
         ranges = self.state_ranges()
-        return Block.stepped(step, "u y", " ".join(OUTPUTS), states, self.dt, name, ranges)
+        return Block.from_step(step, "u y", " ".join(OUTPUTS), states, self.dt, name, ranges)
 
     def stepper(self, **options: Any) -> Stepper:
         """The observer sample by sample, for a loop of your own.

@@ -21,7 +21,7 @@ from dryfric_control.observer.switching import (
     worst_switching,
 )
 from dryfric_control.text import Result, documented, stated
-from dryfric_control.ties import ranked
+from dryfric_control.ties import stable_order
 
 #: Smallest margin that counts as negative: 3x3 factors with condition numbers
 #: up to 1e4 leave rounding errors of about 1e-12.
@@ -207,7 +207,7 @@ def check_blocks(blocks: tuple[Block, ...]) -> float:
     """Margin by which all inequalities hold."""
     # what is not a number is no proof: the worst of all, wherever it stands in the list
     sizes = [np.inf if np.isnan(b.eigenvalue) else b.eigenvalue for b in blocks]
-    worst = blocks[ranked([-size for size in sizes])[0]]
+    worst = blocks[stable_order([-size for size in sizes])[0]]
     if not worst.eigenvalue < -LEAST_MARGIN:
         relax = (
             "relax decay towards 1"

@@ -21,7 +21,7 @@ from numba import njit
 
 from dryfric_control.arrays import Floats
 from dryfric_control.observer.error_model import ErrorModel
-from dryfric_control.ties import ranked
+from dryfric_control.ties import stable_order
 
 
 @dataclass(frozen=True)
@@ -347,7 +347,7 @@ def hardest_switching(
     """Gain that no causal observer is below on the hardest sequence found, and the sequence."""
     keys, game = _best_recursion(models)
     alone = {key: best_gain(models, (key,)) for key in models}
-    start = list(alone)[ranked([-gain for gain in alone.values()])[0]]
+    start = list(alone)[stable_order([-gain for gain in alone.values()])[0]]
 
     def places(word: tuple[int, ...]) -> list[int] | None:
         allowed = path_of(graph, word) is not None

@@ -24,7 +24,7 @@ from dryfric_control.observer import certificate
 from dryfric_control.observer.certificate import CertificateError, Problem
 from dryfric_control.observer.error_model import ErrorModel, Weights
 from dryfric_control.observer.switching import best_gain
-from dryfric_control.text import see
+from dryfric_control.text import page_reference
 
 SOLVERS = ("clarabel", "scs")
 #: Strictness asked of the solver, raised until the certificate holds; the first-order
@@ -261,7 +261,7 @@ def certified_solution(
             found = _proven_candidate(problem, paper, around, solver)
         except (CertificateError, InfeasibleError) as failure:
             if best is None:
-                raise ValueError(_remedy(problem, paper, solver)) from failure
+                raise ValueError(_blocking_specification(problem, paper, solver)) from failure
             break
         if best is not None and found[1] >= best[1]:
             break
@@ -296,10 +296,10 @@ def _proven_candidate(
     raise failure
 
 
-def _remedy(problem: Problem, paper: bool, solver: str) -> str:
+def _blocking_specification(problem: Problem, paper: bool, solver: str) -> str:
     """Which specification stands in the way."""
     decay = problem.decay
-    mend = "or use more memory (method='path', a longer window)" + see("observer")
+    mend = "or use more memory (method='path', a longer window)" + page_reference("observer")
     with suppress(ValueError):
         if decay < 1.0:
             certified_solution(replace(problem, decay=1.0), paper=paper, solver=solver)

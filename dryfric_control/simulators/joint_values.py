@@ -14,7 +14,7 @@ import scipy.optimize
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import positive, samples, short, string
+from dryfric_control.checks import describe_value, positive, samples, string
 from dryfric_control.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import with_error
 from dryfric_control.estimation.force_residual import Sliding, at_the_mass
@@ -256,7 +256,7 @@ def _joint(name: str, result: Any) -> Joint:
         )
     raise ValueError(
         f"{name} must be a Fit, a Diagnosis or a FrictionAxis, or a mapping of joints to such, got "
-        f"{short(result)}"
+        f"{describe_value(result)}"
     )
 
 
@@ -297,7 +297,9 @@ def describe_joints(
     """Numbers of each joint in a format; `loads` are the inertias that its bodies bring."""
     given = None if velocities is None else samples("velocities", velocities)
     if given is not None and not np.any(given):
-        raise ValueError(f"velocities must hold velocities of sliding, got {short(velocities)}")
+        raise ValueError(
+            f"velocities must hold velocities of sliding, got {describe_value(velocities)}"
+        )
     messages = tuple(f"{name}: {one}" for name, joint in joints.items() for one in joint.doubts)
     made = SimulatorValues({}, {}, (), {}, {}, {}, messages, ())
     lost: list[Loss] = []

@@ -9,7 +9,7 @@ from typing import Any
 from dryfric_control.simulators import files, mujoco_formats
 from dryfric_control.simulators.files import Edit, Element
 from dryfric_control.simulators.mujoco_formats import Stepping
-from dryfric_control.text import see
+from dryfric_control.text import page_reference
 
 
 class Mjcf:
@@ -28,7 +28,8 @@ class Mjcf:
         others = [one.attributes.get("file", "") for one in self.tags if one.name == "include"]
         mend = f"give the included file with them ({', '.join(others)})" if others else "name them"
         raise ValueError(
-            f"model {path.name} has no joint with a name in a body: {mend}" + see("howto/simulator")
+            f"model {path.name} has no joint with a name in a body: {mend}"
+            + page_reference("howto/simulator")
         )
 
     def class_value(self, joint: str, attribute: str) -> str | None:

@@ -179,7 +179,7 @@ def test_how_fast_a_reference_is_before_its_friction_is_fed_forward(delay, lag):
     early, late = comp.lead, math.ceil((delay + 5.0 * lag) / DT) + 1 - comp.lead
     moves = there(3.0), there(-3.0)
     for move in moves:
-        found = certificates._unfed(comp, move)
+        found = certificates._peak_speed_unfed(comp, move)
         assert found == pytest.approx(3.0 * DT * max(early, late), rel=1e-9)
     # Mirrored, the reference has the same tube.
     one, other = (comp.certify(reference=move) for move in moves)

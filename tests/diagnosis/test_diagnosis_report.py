@@ -29,7 +29,7 @@ from dryfric_control.diagnosis.report.page import html_page, html_summary
 from dryfric_control.estimation.windows import cut
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.store.axis_file import axis_text, read_axis, write_axis
-from dryfric_control.text import typeset
+from dryfric_control.text import typeset_signs
 
 DT, QUANTUM = 1e-3, 4e-6
 NAME = '<script>alert("1")</script> & co'
@@ -642,7 +642,7 @@ def test_page_and_summary_show_everything(found, nothing, uneven):
         found.causes[1].experiment,
         "error reduction (factor) 750 (90 %: 500 to 900)",
         "1.2 \u00b5m",
-        typeset(found.extended.describe()),
+        typeset_signs(found.extended.describe()),
         axis_text(found.extended),
     ):
         assert part in words, part

@@ -17,7 +17,7 @@ from dryfric_control.identification import slow_ramp_experiment
 from dryfric_control.identification.stribeck import stick_phases
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.records.motion import directions
-from dryfric_control.ties import NEAR, above, ranked, samples
+from dryfric_control.ties import NEAR, above, samples, stable_order
 
 BASE = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-1.0, 1.0))
 SLIPPING = BASE.replace(travel=(0.0, 0.1), stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
@@ -53,11 +53,11 @@ def test_equal_numbers_keep_their_order_and_others_are_sorted():
     rng = np.random.default_rng(0)
     values = np.repeat(rng.permutation(20) + 1.0, 3) * (1.0 + 1e-14 * rng.standard_normal(60))
     expected = np.argsort(np.round(values), kind="stable")
-    assert ranked(values) == expected.tolist()
-    assert ranked([np.nan, np.inf, 1.0, -np.inf]) == [3, 2, 0, 1]
-    assert ranked([0.0, -0.5e-6], 1e-6) == [0, 1]
-    assert ranked([0.0, -2.0e-6], 1e-6) == [1, 0]
-    assert ranked([]) == []
+    assert stable_order(values) == expected.tolist()
+    assert stable_order([np.nan, np.inf, 1.0, -np.inf]) == [3, 2, 0, 1]
+    assert stable_order([0.0, -0.5e-6], 1e-6) == [0, 1]
+    assert stable_order([0.0, -2.0e-6], 1e-6) == [1, 0]
+    assert stable_order([]) == []
 
 
 def test_only_what_exceeds_round_off_is_above():

@@ -11,7 +11,7 @@ import dryfric_control as dfc
 from dryfric_control import effects as fx
 from dryfric_control.estimation.parameters import Scales, choose, values_of, with_values
 from dryfric_control.model.effects.effect import REGISTRY
-from dryfric_control.model.effects.levels import carrying
+from dryfric_control.model.effects.levels import equivalent_values
 
 DT = 1e-3
 MASS, VISCOUS, COULOMB = 2.0, 3.0, 5.0
@@ -259,7 +259,7 @@ def test_limits_and_dead_zones_within_noise_are_none():
 def test_load_that_rubs_is_as_good_as_more_mass_and_friction(effects):
     """While the drive does not brake: (1 - c) u + (1 + c) e = m a + f v + F_c."""
     axis = axis_with(*effects)
-    values = carrying(axis, 0.8)
+    values = equivalent_values(axis, 0.8)
     rubbing = axis.replace(effects=(*effects, fx.LoadDependence(0.2)))
     other = with_values(rubbing, list(values), list(values.values()))
     assert other.mass < axis.mass

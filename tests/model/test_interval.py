@@ -6,7 +6,7 @@ from each_effect import EFFECTS
 
 import dryfric_control as dfc
 from dryfric_control import effects as fx
-from dryfric_control.compensation.laws import uncovered
+from dryfric_control.compensation.laws import unbounded_effects
 
 #: Arguments of a law and how far they are drawn.
 SIZES = {"t": 3.0, "x": 0.05, "v": 0.3, "u": 30.0, "rest": 1.0}
@@ -55,7 +55,7 @@ def test_bounds_hold_all_over_a_box_and_are_not_wide(effect):
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.slug)
 def test_an_effect_has_bounds_or_is_not_covered(effect):
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=effect)
-    lost = uncovered(axis)
+    lost = unbounded_effects(axis)
     covered = effect.action in ("force", "friction", "input", "axis", "delay", "lag")
     assert lost == (() if covered else (effect.slug,))
 

@@ -15,7 +15,7 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import BASE
-from dryfric_control.model.effects.columns import simulated
+from dryfric_control.model.effects.columns import simulated_column
 from dryfric_control.model.effects.effect import ACTIONS, REGISTRY
 from dryfric_control.model.effects.naming import class_of
 
@@ -120,7 +120,7 @@ class Bristles(Foreign):
     @classmethod
     def columns(cls, view) -> Iterator:
         for part in np.geomspace(3e-4, 3e-2, 6):
-            yield simulated(stiffness=view.size / (part * view.span))
+            yield simulated_column(stiffness=view.size / (part * view.span))
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Belt(Foreign):
     @classmethod
     def columns(cls, view) -> Iterator:
         for pitch in (8.0, 16.0, 30.0, 60.0):
-            yield simulated(pitch=pitch)
+            yield simulated_column(pitch=pitch)
 
 
 @dataclass(frozen=True)

@@ -28,11 +28,11 @@ from dryfric_control.diagnosis.report.page import html_page, html_summary
 from dryfric_control.diagnosis.report.wording import brief_lines, level_table, summary_lines
 from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.records.record import Record
-from dryfric_control.result_table import Cell, Quantity, formatted
+from dryfric_control.result_table import Cell, Quantity, format_table
 from dryfric_control.store.axis_file import axis_text, axis_to_dict
 from dryfric_control.store.files import write_file
 from dryfric_control.store.saved import Saved
-from dryfric_control.text import Result, documented, plain_data, wrapped
+from dryfric_control.text import Result, documented, plain_data, wrap_lines
 
 
 @documented
@@ -67,7 +67,7 @@ class Diagnosis(Saved, Result, Findings):
         return summary_lines(self)
 
     def __repr__(self) -> str:
-        return wrapped(brief_lines(self))
+        return wrap_lines(brief_lines(self))
 
     def details(self) -> str:
         """Everything that there is to see, in plain lines."""
@@ -122,7 +122,7 @@ class Diagnosis(Saved, Result, Findings):
                 unit, error = cause.units[name], cause.standard_errors[name]
                 before = Quantity(nominal[name], None, unit) if name in nominal else "none"
                 rows.append((cause.title, name, before, Quantity(value, error, unit), others))
-        return formatted(("cause", "parameter", "nominal", "value", "alternatives"), rows, form)
+        return format_table(("cause", "parameter", "nominal", "value", "alternatives"), rows, form)
 
     def plot(self, ax: Any = None) -> ct.ControlPlot:
         """Draw the report on one page.

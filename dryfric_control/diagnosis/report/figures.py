@@ -14,10 +14,10 @@ from dryfric_control.diagnosis.evidence import Evidence, binned, blind, evidence
 from dryfric_control.diagnosis.report import wording
 from dryfric_control.diagnosis.report.findings import Findings, plain
 from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
-from dryfric_control.drawing import axes_of, control_plot, labelled, legend_above
+from dryfric_control.drawing import axes_of, control_plot, label_axes, legend_above
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.model.friction_curve import draw_curve, friction_over_velocity
-from dryfric_control.text import prefixed, rotary_words, typeset
+from dryfric_control.text import prefix_unit, rotary_words, typeset_signs
 
 # Dots of what was measured.
 _CLOUD: dict[str, Any] = {"color": "0.65", "ms": 1.5, "rasterized": True}
@@ -108,7 +108,7 @@ def _page(d: Findings) -> NDArray[Any]:
     if d.others:
         said.append(f"curves: {wording.shown_record(d)}")
     text = "\n".join(
-        textwrap.fill(typeset(one), 132, subsequent_indent=" " * (10 if one[0] == " " else 5))
+        textwrap.fill(typeset_signs(one), 132, subsequent_indent=" " * (10 if one[0] == " " else 5))
         for one in said
     )
     # The page grows with the text: no line is lost.
@@ -152,7 +152,7 @@ def draw_difference(
     gaps = edges[1:-1] - edges[0]
     lines = shown(before, after)[0 if nominal else -1 :]
     most = max(float(np.abs(one.errors[part]).max()) for one, _, _ in lines)
-    factor, unit = prefixed(max(0.1 * max(most, windows.floor), _LEAST_SHOWN), d.axis.units[0])
+    factor, unit = prefix_unit(max(0.1 * max(most, windows.floor), _LEAST_SHOWN), d.axis.units[0])
     for one, style, name in lines:
         error = np.insert(one.errors[part] / factor, gaps, np.nan)
         ax.plot(np.insert(record.t[part], gaps, np.nan), error, **style, lw=1.3, label=name)
@@ -161,7 +161,7 @@ def draw_difference(
     for k in edges[1:-1]:
         ax.axvline(record.t[k], color="0.6", lw=0.6, ls=":", zorder=0)
     ax.margins(x=0.01)
-    labelled(ax, "Time [s]", f"simulated \N{MINUS SIGN} measured [{unit}]")
+    label_axes(ax, "Time [s]", f"simulated \N{MINUS SIGN} measured [{unit}]")
 
 
 def draw_friction_curves(d: Findings, before: Evidence, after: Evidence | None, ax: Any) -> None:
@@ -196,7 +196,7 @@ def draw_friction_curves(d: Findings, before: Evidence, after: Evidence | None, 
         one.set_ylim(0.9 * np.min(both), 1.06 * np.max(both))
         # The labels stay clear of the frame around.
         one.tick_params(labelsize="x-small", length=2.0, pad=1.5)
-    labelled(ax, f"velocity [{length}/s]", f"friction [{force}]")
+    label_axes(ax, f"velocity [{length}/s]", f"friction [{force}]")
 
 
 def draw_errors(d: Findings, before: Evidence, after: Evidence | None, ax: Any) -> None:
@@ -204,7 +204,7 @@ def draw_errors(d: Findings, before: Evidence, after: Evidence | None, ax: Any) 
     windows = before.windows
     middle = windows.start_times + 0.5 * windows.samples * windows.record.dt
     least = 0.1 * (d.gain.floor if d.gain.floor > 0.0 else float(before.error_by_window.max()))
-    factor, unit = prefixed(max(d.gain.floor, least), d.axis.units[0])
+    factor, unit = prefix_unit(max(d.gain.floor, least), d.axis.units[0])
     ends = np.append(windows.start_times, windows.record.t[-1] + windows.record.dt)
     judged = np.flatnonzero(d.roles == 1)
     for i in judged:
@@ -220,7 +220,7 @@ def draw_errors(d: Findings, before: Evidence, after: Evidence | None, ax: Any) 
     if d.gain.floor > 0.0:
         ax.axhline(d.gain.floor / factor, color="k", lw=1.2, ls=":", label="noise floor (RMS)")
     ax.set_xlim(ends[0], ends[-1])
-    labelled(ax, "Time [s]", f"RMS error [{unit}]")
+    label_axes(ax, "Time [s]", f"RMS error [{unit}]")
 
 
 def draw_residual(
@@ -257,7 +257,7 @@ def draw_residual(
         ax.set_xticks([], minor=True)
     _fit_force(before, ax)
     name = f"force residual [{force}]" if labels else ""
-    labelled(ax, name_of_place.format(length=length), name, legend=labels and not wide)
+    label_axes(ax, name_of_place.format(length=length), name, legend=labels and not wide)
     if labels and wide:
         # It runs on over the neighbours: room above is kept by an empty title.
         ax.set_title(" ", fontsize="medium")
@@ -295,7 +295,7 @@ def draw_levels(d: Findings, ax: Any) -> None:
     ax.set_ylim(0.0, 1.15 * most if most > 0.0 else 1.0)
     ax.margins(x=0.01)
     ax.locator_params(axis="x", nbins=5)
-    labelled(ax, _BOTH_WAYS.format(length=length), f"Coulomb level [{force}]")
+    label_axes(ax, _BOTH_WAYS.format(length=length), f"Coulomb level [{force}]")
 
 
 def draw_remaining(d: Findings, ax: Any) -> None:
@@ -306,7 +306,7 @@ def draw_remaining(d: Findings, ax: Any) -> None:
     white = 2.0 * d.record.dt * left.rms**2
     ax.axhline(white, color="k", lw=1.0, ls=":", label="white, of its RMS")
     unit = f"({left.unit})" if " " in left.unit else left.unit
-    labelled(ax, "frequency [Hz]", typeset(f"spectrum [{unit}²/Hz]"))
+    label_axes(ax, "frequency [Hz]", typeset_signs(f"spectrum [{unit}²/Hz]"))
 
 
 def draw_autocorrelation(before: Evidence, after: Evidence | None, ax: Any) -> None:
@@ -319,7 +319,7 @@ def draw_autocorrelation(before: Evidence, after: Evidence | None, ax: Any) -> N
         ax.plot(side.lags, side.autocorrelation, **style, lw=width, label=name)
     ax.set_ylim(-1.05, 1.05)
     ax.margins(x=0.0)
-    labelled(ax, "lag [s]", "autocorrelation [1]")
+    label_axes(ax, "lag [s]", "autocorrelation [1]")
 
 
 def falls(d: Findings) -> dict[str, float]:

@@ -24,7 +24,7 @@ from dryfric_control.text import (
     rotary_words,
     stated,
     table,
-    wrapped,
+    wrap_lines,
 )
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class Causes(tuple[Cause, ...]):
 
     def __repr__(self) -> str:
         lines = [f"{i}. {cause_text(one)}" for i, one in enumerate(self, start=1)]
-        return wrapped(lines) or "no causes"
+        return wrap_lines(lines) or "no causes"
 
     def _repr_html_(self) -> str:
         rows = [("", "cause", "parameters", "alternatives")]

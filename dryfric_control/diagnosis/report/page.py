@@ -25,7 +25,7 @@ from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
 from dryfric_control.drawing import control_plot
 from dryfric_control.model.effects.naming import titles_of
 from dryfric_control.store.axis_file import axis_text
-from dryfric_control.text import length_text, percent, rotary_words, table, typeset
+from dryfric_control.text import length_text, percent, rotary_words, table, typeset_signs
 
 # Size of a panel [in]: two stand side by side on a page, one fills a telephone.
 _PANEL = (4.9, 3.7)
@@ -60,12 +60,12 @@ def _svg(draw: Callable[..., None], *given: Any, **options: Any) -> str:
 @jinja2.pass_context
 def _words(context: Any, value: Any) -> str:
     """Text in the words of the axis, typeset; names are left as they are."""
-    return typeset(rotary_words(value, context["force"]))
+    return typeset_signs(rotary_words(value, context["force"]))
 
 
 _TEMPLATES.filters |= {
-    "typeset": typeset, "words": _words, "titles": titles_of, "plain": plain, "length": length_text,
-    "html_table": lambda rows: Markup(table(rows, as_html=True)),
+    "typeset": typeset_signs, "words": _words, "titles": titles_of, "plain": plain,
+    "length": length_text, "html_table": lambda rows: Markup(table(rows, as_html=True)),
 }  # fmt: skip
 _TEMPLATES.globals |= {
     "br": Markup("<br>"), "say": wording, "parameter_texts": parameter_texts,

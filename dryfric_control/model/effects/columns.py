@@ -68,12 +68,14 @@ class Column(NamedTuple):
     shapes: float = 1.0  # searched for this one, if more than columns
 
 
-def amount(name: str, force: Floats, positive: bool = False, **others: float) -> Column:
+def proportional_column(
+    name: str, force: Floats, positive: bool = False, **others: float
+) -> Column:
     """Column of an effect that is proportional to one parameter; `others` are fixed."""
     return Column(lambda c: {name: float(c[0]), **others}, (force,), positive=positive)
 
 
-def simulated(**values: float) -> Column:
+def simulated_column(**values: float) -> Column:
     """Shape of an effect without a force column, at these values."""
     return Column(lambda c: dict(values), positive=True)
 
@@ -114,15 +116,17 @@ def peaks(view: View, name: str, force: Floats, positive: bool = False) -> Itera
     for part in PARTS:
         speed = part * view.fast
         peak = np.exp(-np.minimum((view.v / speed) ** 2, 40.0))
-        yield amount(name, force * peak, positive, speed=speed)
+        yield proportional_column(name, force * peak, positive, speed=speed)
 
 
-def later(
+def delayed_columns(
     view: View, name: str, delayed: Callable[[float], Floats], samples: Sequence[float]
 ) -> Iterator[Column]:
     """Drives that act late by some samples, as a force over the time."""
     for late in samples:
-        found = amount(name, (delayed(late) - view.drive) / (late * view.dt), positive=True)
+        found = proportional_column(
+            name, (delayed(late) - view.drive) / (late * view.dt), positive=True
+        )
         yield found._replace(most=2.0 * late * view.dt)
 
 
@@ -140,7 +144,7 @@ def by_law(effect: EffectClass, view: View) -> Iterator[Column]:
         given = dict(zip(grid, values, strict=True))
         force = added(effect, given, view)
         if not np.any(force) or not np.isfinite(force).all():
-            yield simulated(**given)
+            yield simulated_column(**given)
             continue
 
         def found(c: Sequence[float], given: dict[str, float] = given) -> dict[str, float]:

@@ -9,7 +9,13 @@ import numpy as np
 from scipy.signal import lfilter
 
 from dryfric_control.arrays import Floats
-from dryfric_control.model.effects.columns import Column, View, amount, later, simulated
+from dryfric_control.model.effects.columns import (
+    Column,
+    View,
+    delayed_columns,
+    proportional_column,
+    simulated_column,
+)
 from dryfric_control.model.effects.effect import BaseAxis, Effect, Inner, parameter, register_effect
 from dryfric_control.model.effects.interval import Box, Interval
 
@@ -61,7 +67,9 @@ class InputDelay(Effect):
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         at = np.arange(view.drive.size)
-        yield from later(view, "delay", lambda late: np.interp(at - late, at, view.drive), _LATE)
+        yield from delayed_columns(
+            view, "delay", lambda late: np.interp(at - late, at, view.drive), _LATE
+        )
 
 
 @register_effect
@@ -102,7 +110,7 @@ class ActuatorLag(Effect):
             start = [kept * view.drive[0]]
             return np.asarray(lfilter([1.0 - kept], [1.0, -kept], view.drive, zi=start)[0])
 
-        yield from later(view, "time_constant", lagged, _LATE)
+        yield from delayed_columns(view, "time_constant", lagged, _LATE)
 
 
 @register_effect
@@ -203,7 +211,7 @@ class DeadZone(Effect):
         for part in (0.02, 0.05, 0.1, 0.2, 0.4, 0.7):
             width = part * view.size
             lost = -np.clip(view.drive, -width, width) / width
-            yield amount("width", lost, positive=True)._replace(most=2.0 * width)
+            yield proportional_column("width", lost, positive=True)._replace(most=2.0 * width)
 
 
 @register_effect
@@ -260,7 +268,7 @@ class Saturation(Effect):
         for part in (0.97, 0.9, 0.8, 0.7, 0.5, 0.35, 0.2):
             limit = part * view.top
             cut = np.clip(view.drive, -limit, limit) - view.drive
-            yield simulated(limit=limit)._replace(force=(cut,), positive=True)
+            yield simulated_column(limit=limit)._replace(force=(cut,), positive=True)
 
 
 def input_corners(effects: Sequence[Effect]) -> list[float]:
@@ -270,13 +278,13 @@ def input_corners(effects: Sequence[Effect]) -> list[float]:
         # Where the laws before it give the inputs at which this one bends.
         before, known = effects[:i], sorted(corners)
         ends = [known[0] - 1.0, *known, known[-1] + 1.0] if known else [0.0, 1.0]
-        values = [_mapped(before, u) for u in ends]
+        values = [_map_input(before, u) for u in ends]
         for corner in effect.corners:
             corners += _inputs_with(ends, values, corner)
     return sorted(corners)
 
 
-def _mapped(effects: Sequence[Effect], u: float) -> float:
+def _map_input(effects: Sequence[Effect], u: float) -> float:
     """Drive that a chain of input laws makes of an input."""
     for effect in effects:
         u = effect.law(0.0, 0.0, 0.0, u, 0.0, 0.0, 0.0, effect.values)

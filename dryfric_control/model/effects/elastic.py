@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dryfric_control.model.effects.columns import Column, View, simulated
+from dryfric_control.model.effects.columns import Column, View, simulated_column
 from dryfric_control.model.effects.effect import BaseAxis, Effect, Inner, parameter, register_effect
 from dryfric_control.model.friction import middle_level
 
@@ -116,7 +116,7 @@ class Presliding(Effect):
         # Elastic lengths of metal, and soft ones, as of a seal.
         metal = _elastic_length(view) * np.geomspace(0.7, 20.0, 8)
         for distance in (*metal, *(d for d in _SOFT * view.span if d > metal[-1])):
-            yield simulated(distance=float(distance))
+            yield simulated_column(distance=float(distance))
 
 
 @register_effect
@@ -196,7 +196,7 @@ class Backlash(Effect):
         shares = (0.35, 0.5, 0.65)
         for part, share, motor in itertools.product(parts, shares, cls._sides):
             gap = part * _elastic_length(view)
-            yield simulated(gap=gap, load_fraction=share, friction_on_motor=motor)
+            yield simulated_column(gap=gap, load_fraction=share, friction_on_motor=motor)
 
 
 @register_effect
@@ -298,13 +298,13 @@ class Compliance(Effect):
 
     def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
         # A period of the swing of motor against load.
-        return 0.0, 2.0 * math.pi * math.sqrt(self._reduced(axis) / self.stiffness)
+        return 0.0, 2.0 * math.pi * math.sqrt(self._reduced_mass(axis) / self.stiffness)
 
     def plausible(self, axis: BaseAxis) -> bool:
         # Two masses that do not swing against each other are joined by a damper, not by a spring.
-        return self.damping < 2.0 * math.sqrt(self.stiffness * self._reduced(axis))
+        return self.damping < 2.0 * math.sqrt(self.stiffness * self._reduced_mass(axis))
 
-    def _reduced(self, axis: BaseAxis) -> float:
+    def _reduced_mass(self, axis: BaseAxis) -> float:
         """Mass that swings, of motor against load."""
         return self.load_fraction * (1.0 - self.load_fraction) * axis.mass
 
@@ -318,7 +318,7 @@ class Compliance(Effect):
     def columns(cls, view: View) -> Iterator[Column]:
         for turn, motor in itertools.product(np.geomspace(0.02, 0.5, 14) / view.dt, (0.0, 1.0)):
             inertia = _SHARE * view.axis.mass
-            yield simulated(
+            yield simulated_column(
                 stiffness=inertia * turn**2, damping=2.0 * _RATIO * inertia * turn,
                 load_fraction=_SHARE, friction_on_motor=motor,
             )  # fmt: skip

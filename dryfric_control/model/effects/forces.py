@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from dryfric_control.model.effects.columns import Column, View, amount, sine, sines
+from dryfric_control.model.effects.columns import Column, View, proportional_column, sine, sines
 from dryfric_control.model.effects.effect import (
     BaseAxis,
     Effect,
@@ -76,7 +76,7 @@ class BiasForce(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        yield amount("force", np.ones_like(view.x))
+        yield proportional_column("force", np.ones_like(view.x))
 
 
 @register_effect
@@ -124,7 +124,7 @@ class ViscousAsymmetry(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        yield amount("viscous", -np.abs(view.v))
+        yield proportional_column("viscous", -np.abs(view.v))
 
 
 @register_effect
@@ -167,7 +167,7 @@ class QuadraticDrag(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        yield amount("drag", -view.v * np.abs(view.v), positive=True)
+        yield proportional_column("drag", -view.v * np.abs(view.v), positive=True)
 
 
 @register_effect

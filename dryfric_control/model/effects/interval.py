@@ -88,7 +88,7 @@ class Interval:
         """Largest absolute value."""
         return np.maximum(np.abs(self.low), np.abs(self.high))
 
-    def _mapped(self, function: Callable[[Floats], ArrayLike], slope: ArrayLike) -> Interval:
+    def _map_rising(self, function: Callable[[Floats], ArrayLike], slope: ArrayLike) -> Interval:
         """A rising function of it, whose derivative is at most `slope`."""
         low, high = (np.asarray(function(one), float) for one in (self.low, self.high))
         slopes = self.slopes
@@ -98,7 +98,7 @@ class Interval:
 
     def __add__(self, other: Interval | float) -> Interval:
         other = _interval(other)
-        slopes = np.add(*_aligned(self.slopes, other.slopes))
+        slopes = np.add(*_align_slopes(self.slopes, other.slopes))
         return Interval(self.low + other.low, self.high + other.high, slopes)
 
     __radd__ = __add__
@@ -115,7 +115,7 @@ class Interval:
     def __mul__(self, other: Interval | float) -> Interval:
         other = _interval(other)
         corners = [_product(a, b) for a in (self.low, self.high) for b in (other.low, other.high)]
-        one, two = _aligned(self.slopes, other.slopes)
+        one, two = _align_slopes(self.slopes, other.slopes)
         slopes = _product(self.magnitude, two) + _product(other.magnitude, one)
         return Interval(np.minimum.reduce(corners), np.maximum.reduce(corners), slopes)
 
@@ -141,7 +141,7 @@ class Interval:
         low, high : float, optional
         """
         inside = (self.high > low) & (self.low < high)
-        return self._mapped(lambda value: np.clip(value, low, high), np.where(inside, 1.0, 0.0))
+        return self._map_rising(lambda value: np.clip(value, low, high), np.where(inside, 1.0, 0.0))
 
     def sine(self) -> Interval:
         """Its sine."""
@@ -150,12 +150,12 @@ class Interval:
 
     def exponential(self) -> Interval:
         """Its exponential."""
-        return self._mapped(np.exp, np.exp(self.high))
+        return self._map_rising(np.exp, np.exp(self.high))
 
     def tanh(self) -> Interval:
         """Its hyperbolic tangent."""
         least = np.minimum(abs(self).low, 300.0)
-        return self._mapped(np.tanh, np.cosh(least) ** -2.0)
+        return self._map_rising(np.tanh, np.cosh(least) ** -2.0)
 
     def bell(self) -> Interval:
         """exp(-q^2) of its values q."""
@@ -190,7 +190,7 @@ def _interval(value: Interval | float) -> Interval:
     return value if isinstance(value, Interval) else Interval.of_number(value)
 
 
-def _aligned(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+def _align_slopes(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Slopes that are the same everywhere beside those of each part of the travel."""
     if a.ndim == b.ndim:
         return a, b

@@ -8,7 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from dryfric_control.model.effects.columns import PARTS, Column, View, amount, peaks, simulated
+from dryfric_control.model.effects.columns import (
+    PARTS,
+    Column,
+    View,
+    peaks,
+    proportional_column,
+    simulated_column,
+)
 from dryfric_control.model.effects.effect import (
     BaseAxis,
     Effect,
@@ -76,7 +83,7 @@ class CoulombAsymmetry(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        yield amount("force", -np.abs(view.direction) * view.lift)
+        yield proportional_column("force", -np.abs(view.direction) * view.lift)
 
 
 @register_effect
@@ -207,11 +214,11 @@ class LoadDependence(Effect):
     def columns(cls, view: View) -> Iterator[Column]:
         for load, of_drive in ((view.carried, 0.0), (view.drive, 1.0)):
             force = -view.direction * np.abs(load)
-            one = amount("coefficient", force, positive=True, of_drive=of_drive)
+            one = proportional_column("coefficient", force, positive=True, of_drive=of_drive)
             yield one._replace(most=_NEARLY_ALL)
 
 
-def carrying(axis: BaseAxis, scale: float) -> dict[str, float]:
+def equivalent_values(axis: BaseAxis, scale: float) -> dict[str, float]:
     """Values of an axis that moves alike beside load-dependent friction of 1 - scale.
 
     Friction of F_c + c (N - e) under N = m_l a + f v + F - e, the force that the teeth carry,
@@ -284,7 +291,7 @@ class LoadAsymmetry(Effect):
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         force = -np.abs(view.direction * view.carried)
-        yield amount("coefficient", force)._replace(most=_NEARLY_ALL)
+        yield proportional_column("coefficient", force)._replace(most=_NEARLY_ALL)
 
 
 @register_effect
@@ -420,7 +427,7 @@ class VelocityStrengthening(Effect):
         for part in PARTS:
             missing = 1.0 - np.tanh(np.abs(view.v) / (part * view.fast))
             force = view.direction * view.level * missing
-            yield amount("deficit", force, positive=True, speed=part * view.fast)
+            yield proportional_column("deficit", force, positive=True, speed=part * view.fast)
 
 
 @register_effect
@@ -483,7 +490,7 @@ class WarmUp(Effect):
         for part in (0.05, 0.1, 0.2, 0.4, 0.8):
             fade = np.exp(-view.t / (part * view.duration))
             force = -view.direction * view.level * view.lift * fade
-            yield amount("rise", force, time_constant=part * view.duration)
+            yield proportional_column("rise", force, time_constant=part * view.duration)
 
 
 @register_effect
@@ -528,7 +535,7 @@ class Drift(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        yield amount("rate", -view.direction * view.level * view.lift * view.t)
+        yield proportional_column("rate", -view.direction * view.level * view.lift * view.t)
 
 
 @register_effect
@@ -585,4 +592,4 @@ class DwellTime(Effect):
         # Breakaway is all that shows it.
         for part in (0.15, 0.4, 1.0, 2.0):
             for time_constant in (0.05, 0.2, 0.8):
-                yield simulated(rise=part * view.size, time_constant=time_constant)
+                yield simulated_column(rise=part * view.size, time_constant=time_constant)

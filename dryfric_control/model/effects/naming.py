@@ -27,14 +27,16 @@ def titles_of(alternative: str) -> str:
     return " + ".join(map(title_of, alternative.split("+")))
 
 
-def renumbered(names: Iterable[str], taken: str) -> list[str]:
+def renumber_names(names: Iterable[str], taken: str) -> list[str]:
     """Names of parameters as they are once an effect is taken out of the axis."""
     slug, number = _split(taken)
     found = []
     for name in names:
         owner, dot, part = name.partition(".")
         other, k = _split(owner)
-        found.append(f"{_joined(slug, k - 1)}{dot}{part}" if other == slug and k > number else name)
+        found.append(
+            f"{_numbered_name(slug, k - 1)}{dot}{part}" if other == slug and k > number else name
+        )
     return found
 
 
@@ -47,12 +49,12 @@ def named(axis: BaseAxis) -> dict[str, Effect]:
             own = getattr(axis, cls.axis_field)
             if own is not None:
                 found[cls.slug] = cls(*(getattr(own, item.name) for item in fields(cls)))
-    return found | dict(zip(_listed(axis), axis.effects, strict=True))
+    return found | dict(zip(_effect_names(axis), axis.effects, strict=True))
 
 
 def with_named(axis: Any, changed: dict[str, Effect], **changes: Any) -> Any:
     """The axis with other numbers in some of its effects, in their order, and in its fields."""
-    names = dict(zip(_listed(axis), axis.effects, strict=True))
+    names = dict(zip(_effect_names(axis), axis.effects, strict=True))
     for name, effect in changed.items():
         if name not in names:
             axis = effect.alter(axis)
@@ -66,7 +68,7 @@ def put(axis: Any, name: str, effect: Effect | None) -> Any:
     # An effect that is there keeps its place: a limit before a gain is not one behind it.
     cls = class_of(name)
     assert cls is not None
-    names, effects = _listed(axis), list(axis.effects)
+    names, effects = _effect_names(axis), list(axis.effects)
     if cls.axis_field and cls.slug not in names:
         return axis.replace(**{cls.axis_field: None}) if effect is None else effect.alter(axis)
     place = names.index(name) if name in names else len(names)
@@ -74,10 +76,10 @@ def put(axis: Any, name: str, effect: Effect | None) -> Any:
     return axis.replace(effects=tuple(effects))
 
 
-def _listed(axis: BaseAxis) -> list[str]:
+def _effect_names(axis: BaseAxis) -> list[str]:
     """Names of the effects in the list of an axis, in its order."""
     slugs = [effect.slug for effect in axis.effects]
-    return [_joined(slug, slugs[: i + 1].count(slug)) for i, slug in enumerate(slugs)]
+    return [_numbered_name(slug, slugs[: i + 1].count(slug)) for i, slug in enumerate(slugs)]
 
 
 def _split(name: str) -> tuple[str, int]:
@@ -86,6 +88,6 @@ def _split(name: str) -> tuple[str, int]:
     return (slug, int(number)) if slug and number.isdecimal() else (name, 1)
 
 
-def _joined(slug: str, number: int) -> str:
+def _numbered_name(slug: str, number: int) -> str:
     """Name of the first, second, ... of a kind."""
     return slug if number == 1 else f"{slug}_{number}"

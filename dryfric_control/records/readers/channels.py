@@ -18,7 +18,7 @@ from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.record_warning import warn
 from dryfric_control.records.refusal import RefusalError
 from dryfric_control.records.scaling import Gain, Scaling
-from dryfric_control.text import did_you_mean, see
+from dryfric_control.text import did_you_mean, page_reference
 from dryfric_control.units import known_unit, si_unit
 
 ROLES = ("t", "u", "x", "reference")
@@ -329,7 +329,7 @@ def _missing_role_error(
     return RefusalError(
         f"{where}: no column recognised as {role}; available: {_list_headings(headings)}. "
         f'Say which it is: columns={{"{role}": ...}}, or give {none} if there is none'
-        + see("howto/read_csv"),
+        + page_reference("howto/read_csv"),
         **mend,
     )
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dryfric_control.checks import short
+from dryfric_control.checks import describe_value
 from dryfric_control.records.clock import epoch_of
 from dryfric_control.records.readers import channels
 from dryfric_control.records.readers.can_log import CanLog
@@ -55,7 +55,8 @@ def read_channels(
         found = _select_columns(frame_columns(source), kept, wanted, listed=not kept.raw)
     else:
         raise ValueError(
-            f"source must be a path, a data frame or a mapping of arrays, got {short(source)}"
+            "source must be a path, a data frame or a mapping of arrays, got "
+            + describe_value(source)
         )
     found = with_own_clocks(_with_unit_of_time(found, units), wanted.hold)
     if found.clocks:

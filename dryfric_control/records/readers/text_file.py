@@ -375,8 +375,8 @@ def _tell_of_no_headings(text: _Text, line: str, width: int) -> None:
         )
     if len(names) > 1 and not text.wanted.columns:
         warn(
-            f"{text.name}: the line above the numbers, {_decode_latin(line.strip())[:60]!r}, does not "
-            f"name each of the {width} columns: it is passed over, units too. Say what they are, "
+            f"{text.name}: the line above the numbers, {_decode_latin(line.strip())[:60]!r}, does "
+            f"not name each of the {width} columns: it is passed over, units too. Say what they are, "
             'columns={"t": 0, "u": 1, "x": 2} and units={"x": "..."}'
         )
 

@@ -48,4 +48,4 @@ def prior_of(fit: Solution) -> float:
 
 def surprises(fit: Solution) -> FloatArray:
     """What each wrong nominal value of a fit costs as an assumption of its own."""
-    return fit.problem.surprises(fit.z)
+    return fit.problem.nominal_error_costs(fit.z)

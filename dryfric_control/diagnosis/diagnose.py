@@ -316,7 +316,7 @@ class _Answer:
             scores={k: -2.0 * v / samples for k, v in search.first.items()} | {"": 0.0},
             window=self.window,
             hold=self.problem.hold,
-            roles=self.heard.unseen(0)[1][self.windows[0].edges[:-1]],
+            roles=self.heard.held_out_axes(0)[1][self.windows[0].edges[:-1]],
             remaining=self._remaining(),
             references={name: cost - final.cost for name, cost in references.items()},
             varies=self.varies,

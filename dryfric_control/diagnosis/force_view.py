@@ -85,7 +85,7 @@ class ForceView(ModelView):
     def _smoothed(self, some: Sequence[Floats]) -> Floats:
         columns = np.stack(some, axis=1)
         rows = zip(self.motions, self.slices, strict=True)
-        return np.concatenate([m.smoothed(columns[part]) for m, part in rows])
+        return np.concatenate([m.smooth_columns(columns[part]) for m, part in rows])
 
     def _set_scale(self) -> None:
         """The unit of the residual: what the base leaves; and the number of independent samples."""

@@ -103,7 +103,7 @@ def in_free_runs(problem: Problem, less: Solution, more: Solution) -> tuple[floa
     for i, w in enumerate(problem.windows):
         moving = w.moving
         if not problem.imposed and moving.any():
-            runs = [w.unseen(*fit.unseen(i), moving) for fit in (less, more)]
+            runs = [w.unseen(*fit.held_out_axes(i), moving) for fit in (less, more)]
             before, after = (w.scores(run.costs)[moving] for run in runs)
             falls.append(before - after)
     fall = np.concatenate(falls) if falls else np.zeros(0)

@@ -13,7 +13,7 @@ from dryfric_control.diagnosis.diagnose import NOT_DIAGNOSED, diagnose, failure,
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import with_error
 from dryfric_control.estimation.likelihood import BASE
-from dryfric_control.estimation.parameters import SHIFT, checked_knowledge, declared, values_of
+from dryfric_control.estimation.parameters import SHIFT, base_unit, checked_knowledge, values_of
 from dryfric_control.estimation.plausibility import checked_records
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
@@ -85,7 +85,7 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
         found = {}
         for name, value in zip(names, values_of(axis, names), strict=True):
             effect, _, part = name.partition(".")
-            unit = own[effect].units(axis.units)[part] if part else axis.unit(declared(name))
+            unit = own[effect].units(axis.units)[part] if part else axis.unit(base_unit(name))
             found[name] = (float(value), d.standard_errors.get(name), unit)
         return found
 

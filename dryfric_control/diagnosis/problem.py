@@ -76,7 +76,7 @@ class Problem:
     @cached_property
     def motions(self) -> tuple[SmoothedMotion, ...]:
         """Smoothed motion of each record."""
-        return tuple(SmoothedMotion.of(r.record, self.believed.mass) for r in self.runs)
+        return tuple(SmoothedMotion.from_record(r.record, self.believed.mass) for r in self.runs)
 
     @cached_property
     def lively(self) -> tuple[Run, ...]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import welch
 
-from dryfric_control.estimation.random_force import integrated, products
+from dryfric_control.estimation.random_force import integrate_autocorrelation, products
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.text import Result, documented, rotary_words, stated
 
@@ -87,7 +87,7 @@ def remaining(found: Solution, structured: bool, where: Sequence[str], unit: str
     )
     time = 0.0
     if lags[0] > 0.0 and count > 10:
-        samples = integrated(lags[:-1] / lags[0], count)
+        samples = integrate_autocorrelation(lags[:-1] / lags[0], count)
         time = found.problem.runs[0].record.dt * samples if samples >= 1.0 else 0.0
     rms = float(np.sqrt(np.mean(np.square(sizes))))
     return Remaining(rms, time, structured, tuple(where), middle, power, unit)

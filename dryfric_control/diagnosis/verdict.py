@@ -199,7 +199,7 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
     squares: list[list[Floats]] = [[], [], []]
     replays: list[Floats] = []
     structured, places = False, list[str]()
-    drawn = final.drawn(REPLAY_COUNT)
+    drawn = final.draw_axes(REPLAY_COUNT)
     for i, w in enumerate(windows):
         active = np.zeros(len(w), bool)
         moving = np.flatnonzero(w.moving)
@@ -212,7 +212,7 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
         active[moving] = True
         # The gain is of parameters fitted without the half of the record that a window is in.
         before = w.evaluate(problem.believed, active)
-        unseen = w.unseen(*final.unseen(i), active)
+        unseen = w.unseen(*final.held_out_axes(i), active)
         axis = final.problem.axis_at(final.z, i)
         at = w.evaluate(axis, active)
         for row, one in zip(squares, (before, unseen, at), strict=True):

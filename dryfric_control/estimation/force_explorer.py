@@ -89,7 +89,7 @@ class ForceExplorer:
         instance("axis", axis, FrictionAxis)
         check_units(axis, record)
         self._start = axis.effective()
-        self._motion = SmoothedMotion.of(record, self._start.mass)
+        self._motion = SmoothedMotion.from_record(record, self._start.mass)
         self._drive = drive_at_the_mass(self._start, record, hold)
         self._known = known_force(record, hold)
         at = self._motion.places
@@ -162,7 +162,7 @@ class ForceExplorer:
 
     def _missing(self, given: Mapping[str, float]) -> Floats:
         left = missing_force(self._axis_of(given), self._motion, self._drive, self._known)
-        return self._motion.smoothed(left[:, None])[:, 0]
+        return self._motion.smooth_columns(left[:, None])[:, 0]
 
     @property
     def rms(self) -> float:
@@ -317,11 +317,11 @@ class ForceExplorer:
                     one.value, min=one.low, max=one.high, step=step, **options
                 )
             row.observe(
-                lambda change, name=name: self._turned(picture, {name: change.new}), "value"
+                lambda change, name=name: self._change_values(picture, {name: change.new}), "value"
             )
             rows.append(widgets.HBox([row, widgets.Label(one.unit)]))
         return widgets.VBox([*rows, picture])
 
-    def _turned(self, picture: Any, values: Mapping[str, float]) -> None:
+    def _change_values(self, picture: Any, values: Mapping[str, float]) -> None:
         self.set(**values)
         picture.value = self.png()

@@ -150,10 +150,10 @@ def force_map(axis: FrictionAxis, record: Record, hold: str = "zero") -> ForceMa
     one_of("hold", hold, ("zero", "first"))
     check_units(axis, record, "record")
     axis = axis.effective()
-    motion = SmoothedMotion.of(record, axis.mass)
+    motion = SmoothedMotion.from_record(record, axis.mass)
     u, known = drive_at_the_mass(axis, record, hold), known_force(record, hold)
     columns = np.stack((missing_force(axis, motion, u, known), u), axis=1)
-    missing, drive = motion.smoothed(columns).T
+    missing, drive = motion.smooth_columns(columns).T
     at = motion.places
     way = motion.direction[at]
     over = {
@@ -167,7 +167,8 @@ def force_map(axis: FrictionAxis, record: Record, hold: str = "zero") -> ForceMa
         name: tuple(
             curve
             for side in (1, -1)
-            if (curve := _curve(side, values[way == side], missing[way == side])) is not None
+            if (curve := _quantile_curve(side, values[way == side], missing[way == side]))
+            is not None
         )
         for name, values in over.items()
     }
@@ -182,7 +183,7 @@ def force_map(axis: FrictionAxis, record: Record, hold: str = "zero") -> ForceMa
     )
 
 
-def _curve(direction: int, at: Floats, force: Floats) -> ForceCurve | None:
+def _quantile_curve(direction: int, at: Floats, force: Floats) -> ForceCurve | None:
     """Quantiles of a force in bins; None where too few samples are."""
     if at.size < _FEWEST:
         return None

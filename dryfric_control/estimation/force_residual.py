@@ -103,12 +103,12 @@ class Residual(Sliding):
         middle = 0.5 * float(record.x.min() + record.x.max())
         levels = [axis.coulomb(np.array([middle]), s)[0] for s in (1, -1)]
         level = max(0.5 * float(np.sum(np.abs(levels))), 1e-3 * float(np.std(record.u)))
-        size = _quiet(record, _MAX_ACCELERATION_NOISE * level / axis.mass)
+        size = _smoothing_window(record, _MAX_ACCELERATION_NOISE * level / axis.mass)
         super().__init__(record, _DISPLAY_SAMPLES, size, smooth_drive=True)
         self.residual = self.force_residual(axis)
 
 
-def _quiet(record: Record, allowed: float) -> int:
+def _smoothing_window(record: Record, allowed: float) -> int:
     """Shortest smoothing window whose acceleration noise is allowed [samples]."""
     longest = min(_MAX_SMOOTHING, ((len(record) - 1) // 4) | 1)
     for size in range(7, longest, 2):

@@ -84,7 +84,7 @@ class ForceView(Likelihood):
         self.low[n + 1 :: 2] = self.high[n + 1 :: 2] = 0.0
 
     @property
-    def recursive(self) -> bool:
+    def is_recursive(self) -> bool:
         return False
 
     def _slope_of_force(self, *_: Any) -> bool:

@@ -33,7 +33,7 @@ def noise_of(u: Floats) -> float:
 def without_noise(u: Floats, width: float) -> Floats:
     """Input without the white noise recorded with it; intervals of `width` standard errors."""
     noise = noise_of(u)
-    return _smoothed(u, noise, width, _MAX_NOISE_DEVIATIONS * noise) if width > 0.0 else u
+    return _smooth_adaptively(u, noise, width, _MAX_NOISE_DEVIATIONS * noise) if width > 0.0 else u
 
 
 def before_rounding(u: Floats, quantum: float, rng: np.random.Generator) -> Iterator[Floats]:
@@ -44,13 +44,13 @@ def before_rounding(u: Floats, quantum: float, rng: np.random.Generator) -> Iter
     """
     if quantum == 0.0:
         yield from itertools.repeat(u)
-    smooth = _smoothed(u, quantum / QUANTA, _ROUNDING_WIDTH, 0.5 * quantum)
+    smooth = _smooth_adaptively(u, quantum / QUANTA, _ROUNDING_WIDTH, 0.5 * quantum)
     while True:
         steps = (smooth - rng.uniform(0.0, quantum)) / quantum
         yield u + quantum * (steps - np.round(steps))
 
 
-def _smoothed(u: Floats, noise: float, width: float, surely: float) -> Floats:
+def _smooth_adaptively(u: Floats, noise: float, width: float, surely: float) -> Floats:
     """Local polynomials over the longest windows that agree with all shorter ones.
 
     They agree where their intervals, of `width` standard errors of white `noise`, have a point in

@@ -423,7 +423,7 @@ class Likelihood:
     def prior_terms(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Prior cost with its gradient and curvature, each shape (ncoordinates,)."""
         total, g, h = 0.0, np.zeros(self.size), np.zeros(self.size)
-        wonders, trusted = joint_nominal_error_cost(self.surprises(z))
+        wonders, trusted = joint_nominal_error_cost(self.nominal_error_costs(z))
         for j, (nominal, spread, wonder) in self.beliefs.items():
             p = self.parameters[j]
             value = p.value(z[j])
@@ -442,7 +442,7 @@ class Likelihood:
                 h[j] += weight * by * by
         return total + wonders, g, h
 
-    def surprises(self, z: FloatArray) -> FloatArray:
+    def nominal_error_costs(self, z: FloatArray) -> FloatArray:
         """Cost of each nominal value that is wrong, as an assumption of its own."""
         wonders = [(j, nominal) for j, (nominal, _, wonder) in self.beliefs.items() if wonder]
         return nominal_error_cost(
@@ -543,7 +543,7 @@ class Likelihood:
         return rise
 
     @property
-    def recursive(self) -> bool:
+    def is_recursive(self) -> bool:
         """Whether slopes with forces come from the filter's linear recursion: of a rigid axis."""
         acting = [e for e in self.axis.effects if e.action not in _TIMING_ACTIONS]
         return all(e.inner(self.axis) == _RIGID for e in acting)
@@ -590,7 +590,7 @@ class Likelihood:
         slope[1] = 0.0
         return True
 
-    def bent(self, h: FloatArray) -> FloatArray:
+    def rescale_information(self, h: FloatArray) -> FloatArray:
         """Information, for noises scaled to the curvature of the cost.
 
         The curvature is below the sum of squares if readings scatter less than normal

@@ -102,7 +102,7 @@ class Scales:
     time: float
     step: float
 
-    def of(self, powers: tuple[int, int, int]) -> float:
+    def size_of(self, powers: tuple[int, int, int]) -> float:
         """Typical size of a quantity with these powers of force, length and time."""
         return self.force ** powers[0] * self.length ** powers[1] * self.time ** powers[2]
 
@@ -215,7 +215,7 @@ def _expand(axis: FrictionAxis, name: str, scales: Scales) -> tuple[FrictionAxis
             f"free: {owner} has no parameter {part!r}; it has {', '.join(known.parameters())}"
         )
     if owner not in named(axis):
-        start = known.start(axis, lambda unit: scales.of(powers(unit)))
+        start = known.start(axis, lambda unit: scales.size_of(powers(unit)))
         there = put(axis, owner, start)
         if owner not in named(there):
             raise ValueError(
@@ -237,7 +237,7 @@ def _get(axis: FrictionAxis, name: str) -> float:
     return float(getattr(named(axis)[owner] if part else axis, part or name))
 
 
-def declared(name: str) -> str:
+def base_unit(name: str) -> str:
     """Unit of a base parameter, or of a coefficient of a Coulomb level, of a linear axis."""
     base, _, degree = name.removesuffix("]").partition("[")
     power = int(degree or 0)
@@ -252,9 +252,9 @@ def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
     value, (owner, _, part) = _get(axis, name), name.partition(".")
     about: tuple[Any, ...] = ("amount", name in _BREAKS_AWAY)
     if not part:
-        unit, logarithmic = axis.unit(declared(name)), name in _LOGARITHMIC
+        unit, logarithmic = axis.unit(base_unit(name)), name in _LOGARITHMIC
         low, high = 0.0 if name in _BASE or name.endswith("[0]") else -math.inf, math.inf
-        scale = value if logarithmic else scales.of(powers(declared(name)))
+        scale = value if logarithmic else scales.size_of(powers(base_unit(name)))
     else:
         effect = type(named(axis)[owner])
         meta = effect.parameters()[part]
@@ -262,7 +262,7 @@ def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
         low, high = meta["bounds"]
         about = meta["kind"], meta["breaks_away"], meta["neutral"] or 0.0, meta["optional"]
         # For a parameter that starts at zero, the scale follows from its unit.
-        unknown = 1.0 if meta["kind"] == "angle" else scales.of(powers(meta["unit"]))
+        unknown = 1.0 if meta["kind"] == "angle" else scales.size_of(powers(meta["unit"]))
         scale = (None if logarithmic else meta["size"]) or abs(value)
         scale = scale or (scales.step if meta["unit"] == "s" else unknown)
     if logarithmic:

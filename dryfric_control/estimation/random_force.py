@@ -31,7 +31,7 @@ _MAX_INNOVATION = 4.0
 _MIN_FORCE_GAIN = 6.0
 
 
-def acts(found: Solution, i: int) -> bool:
+def has_random_force(found: Solution, i: int) -> bool:
     """Whether the readings of record i are likelier with a random force than without."""
     problem, without, k = found.problem, found.z.copy(), len(found.problem.names) + 2 * i
     without[k] = problem.low[k]
@@ -61,7 +61,7 @@ def products(values: Floats, lags: int) -> Floats:
     return np.asarray(np.fft.irfft(np.abs(np.fft.rfft(values, size)) ** 2, size)[: lags + 1])
 
 
-def integrated(part: Floats, count: float) -> float:
+def integrate_autocorrelation(part: Floats, count: float) -> float:
     """Twice the sum of an autocorrelation up to the first lag at which it is no more than chance.
 
     `part`: over the lag, 1 at none; `count`: of the values that it is of.
@@ -71,7 +71,7 @@ def integrated(part: Floats, count: float) -> float:
     return 2.0 * float(part[1:last].sum())
 
 
-def _correlated(found: Solution, longest: float) -> Iterator[tuple[Floats, Floats]]:
+def _innovation_products(found: Solution, longest: float) -> Iterator[tuple[Floats, Floats]]:
     """Products of the innovations of each record while sliding, and their pairs, over the lag."""
     point = found.point
     for run, out, states in zip(found.problem.runs, point.out, point.states, strict=True):
@@ -82,10 +82,10 @@ def _correlated(found: Solution, longest: float) -> Iterator[tuple[Floats, Float
         yield products(e, lags), products(seen.astype(float), lags)
 
 
-def lasting(found: Solution) -> float:
+def low_frequency_ratio(found: Solution) -> float:
     """Ratio of the innovations' low-frequency power to that of white ones, sliding."""
     worst = 0.0
-    for sums, pairs in _correlated(found, _SHORT_LAG):
+    for sums, pairs in _innovation_products(found, _SHORT_LAG):
         correlation = sums / np.maximum(pairs, 1.0)
         weights = 1.0 - np.arange(correlation.size) / correlation.size
         total = correlation[0] + 2.0 * float(weights[1:] @ correlation[1:])
@@ -95,11 +95,11 @@ def lasting(found: Solution) -> float:
 
 def long_run(found: Solution) -> float:
     """Ratio of the long-run variance of innovations while sliding to their variance, at least 1."""
-    rows = list(_correlated(found, _LONG_LAG))
+    rows = list(_innovation_products(found, _LONG_LAG))
     total = np.zeros((2, max(one.size for one, _ in rows)))
     for row in rows:
         total[:, : row[0].size] += row
     if total[0, 0] <= 0.0:
         return 1.0
     part = total[0] / np.maximum(total[1], 1.0)
-    return max(1.0, 1.0 + integrated(part / part[0], total[1, 0]))
+    return max(1.0, 1.0 + integrate_autocorrelation(part / part[0], total[1, 0]))

@@ -77,8 +77,8 @@ def _noises(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Point
     """Noises for fixed parameters; with a much too large one readings say little about these."""
     for _ in range(_NOISE_ITERATIONS):
         gradients, information = problem.terms(z, point, 1, noises=True)
-        g, h = gradients.sum(axis=0), problem.bent(information.sum(axis=0))
-        free, size = _searched(problem, z, g, h)
+        g, h = gradients.sum(axis=0), problem.rescale_information(information.sum(axis=0))
+        free, size = _search_coordinates(problem, z, g, h)
         if not free.size:
             break
         unit = h[np.ix_(free, free)] / np.outer(size, size) + 1e-3 * np.eye(free.size)
@@ -96,14 +96,16 @@ def _noises(problem: Likelihood, z: Floats, point: Point) -> tuple[Floats, Point
     return z, point
 
 
-def _searched(problem: Likelihood, z: Floats, g: Floats, h: Floats) -> tuple[Ints, Floats]:
+def _search_coordinates(
+    problem: Likelihood, z: Floats, g: Floats, h: Floats
+) -> tuple[Ints, Floats]:
     """Coordinates that are not held at a bound and matter, and the roots of their information."""
     held = ((z <= problem.low) & (g > 0.0)) | ((z >= problem.high) & (g < 0.0))
     free = np.flatnonzero(~held & (np.diag(h) > 1e-12))
     return free, np.sqrt(np.diag(h)[free])
 
 
-def _promised(unit: Floats, slope: Floats) -> float:
+def _predicted_fall(unit: Floats, slope: Floats) -> float:
     """Fall of the cost that a Newton step in coordinates of unit information predicts."""
     step = np.linalg.lstsq(unit + 1e-9 * np.eye(slope.size), slope, rcond=None)[0]
     return 0.5 * float(slope @ step)
@@ -126,7 +128,7 @@ def within_reach(unit: Floats, g: Floats, reach: Floats) -> Floats:
     return step
 
 
-def _polled(
+def _poll_axes(
     problem: Likelihood, z: Floats, point: Point, free: Ints, h: Floats
 ) -> tuple[Floats, Point] | None:
     """The lowest point on the principal axes of the information h, or None if none is lower."""
@@ -210,12 +212,12 @@ class _Scoring:
 
     def iterate(self) -> bool:
         """One iteration; whether the search goes on."""
-        if self.linear and (self.promised > _DIFFERENCES_FALL or self.problem.recursive):
+        if self.linear and (self.promised > _DIFFERENCES_FALL or self.problem.is_recursive):
             sides = 0
         else:
             sides = 1 if self.promised > _CENTRAL_DIFFERENCE_FALL else 2
-        model = self._quadratic(sides)
-        self.promised = _promised(model.unit, model.slope)
+        model = self._quadratic_model(sides)
+        self.promised = _predicted_fall(model.unit, model.slope)
         if time.monotonic() > self.until:
             return False
         if self.promised <= _CONVERGED_FALL:
@@ -228,7 +230,7 @@ class _Scoring:
             return True
         return self._on_rough_cost(model)
 
-    def _quadratic(self, sides: int) -> _Quadratic:
+    def _quadratic_model(self, sides: int) -> _Quadratic:
         """Quadratic model of the cost, with slopes as `Likelihood.terms` computes them."""
         problem, z = self.problem, self.z
         self.gradients, self.information = problem.terms(z, self.point, sides)
@@ -236,8 +238,8 @@ class _Scoring:
         problem.refine(h, self.wider)
         _, prior_g, prior_h = problem.prior_terms(z)
         g = g + prior_g
-        h = problem.bent(h) + np.diag(prior_h)
-        free, size = _searched(problem, z, g, h)
+        h = problem.rescale_information(h) + np.diag(prior_h)
+        free, size = _search_coordinates(problem, z, g, h)
         unit = h[np.ix_(free, free)] / np.outer(size, size)
         return _Quadratic(h, free, size, unit, g[free] / size)
 
@@ -269,13 +271,13 @@ class _Scoring:
                 return False
             point = problem.tried(new)
             if point.cost < self.point.cost:
-                self._adapt(float(self.point.cost - point.cost), predicted)
+                self._adapt_damping(float(self.point.cost - point.cost), predicted)
                 self.z, self.point = new, point
                 return True
             self.damping *= 10.0 if self.damping > 1e-3 else 100.0
         return False
 
-    def _adapt(self, fall: float, predicted: float) -> None:
+    def _adapt_damping(self, fall: float, predicted: float) -> None:
         """Adapt the damping to how well a step was predicted."""
         kept = fall / predicted  # no number where the cost was infinite, nor a warning
         if kept > _GOOD_FALL_RATIO:
@@ -290,12 +292,12 @@ class _Scoring:
         h, free, _, unit, slope = model
         if self.wider > 1.0:
             inner = h[np.ix_(free, free)]
-            lower = _polled(self.problem, self.z, self.point, free, inner)
+            lower = _poll_axes(self.problem, self.z, self.point, free, inner)
             if lower is None:
                 self.settled = True
                 # The noises were searched without slopes, which are no guide to a rough cost.
                 own = free < len(self.problem.names)
-                self.promised = _promised(unit[np.ix_(own, own)], slope[own])
+                self.promised = _predicted_fall(unit[np.ix_(own, own)], slope[own])
                 return False
             self.z, self.point = lower
         elif not self.quiet:

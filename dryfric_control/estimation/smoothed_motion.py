@@ -89,7 +89,7 @@ class SmoothedMotion:
     places: Ints
 
     @classmethod
-    def of(cls, record: Record, mass: float) -> SmoothedMotion:
+    def from_record(cls, record: Record, mass: float) -> SmoothedMotion:
         """Motion of a record with the narrowest kernel that makes the force clear.
 
         Its noise, `mass` times that of the acceleration, is then 3 % of the drive.
@@ -123,14 +123,14 @@ class SmoothedMotion:
         weights = np.exp(-0.5 * (np.arange(-half, half + 1) / self.width) ** 2)
         return np.asarray(weights / weights.sum())
 
-    def smoothed(self, columns: Floats) -> Floats:
+    def smooth_columns(self, columns: Floats) -> Floats:
         """Columns of all samples, shape (n, c), smoothed at the sliding ones, shape (m, c)."""
         out = np.empty((self.places.size, columns.shape[1]))
         _smoothed_at(np.ascontiguousarray(columns), self.places, self.weights, out)
         return out
 
     def spread(self, values: Floats) -> Floats:
-        """Adjoint of `smoothed` for one column, shape (m,) to (n,)."""
+        """Adjoint of `smooth_columns` for one column, shape (m,) to (n,)."""
         out = np.zeros(self.x.size)
         _spread_from(np.ascontiguousarray(values), self.places, self.weights, out)
         return out

@@ -118,7 +118,7 @@ class Solution:
         np.fill_diagonal(found, scale**2)
         return found
 
-    def drawn(self, count: int) -> list[list[FrictionAxis]]:
+    def draw_axes(self, count: int) -> list[list[FrictionAxis]]:
         """Axes of every record with parameters drawn from their covariance, this one first."""
         rng, n = np.random.default_rng(1), len(self.problem.names)
         records = range(len(self.problem.runs))
@@ -166,7 +166,7 @@ class Solution:
         """Cost of each block of all records at a point."""
         return np.concatenate([self.problem.blocks(i, out) for i, out in enumerate(at.out)])
 
-    def _without(self, mine: Bools, moved: Bools | bool = True) -> tuple[Floats, Point]:
+    def _refit_without(self, mine: Bools, moved: Bools | bool = True) -> tuple[Floats, Point]:
         """Coordinates fitted without some blocks, by one Newton step, and the point there.
 
         `moved`: which may differ from those of all blocks.
@@ -203,7 +203,7 @@ class Solution:
         return self.z, self.point
 
     @cached_property
-    def crossed(self) -> tuple[Floats, tuple[Floats, Floats], Ints]:
+    def cross_validation(self) -> tuple[Floats, tuple[Floats, Floats], Ints]:
         """Held-out costs of the blocks, parameters fitted without each half, half of each block.
 
         Two blocks at a time belong to either half; the parameters follow by one Newton step.
@@ -213,7 +213,7 @@ class Solution:
         found, noise = [self.z, self.z], slice(len(problem.names), None, 2)
         for k in (0, 1) if self.gradients.size else ():
             mine = half == k
-            found[k], point = self._without(mine)
+            found[k], point = self._refit_without(mine)
             costs[mine] = self._blocks(point)[mine]
             # What the parameters miss on unseen data acts there as a random force.
             there = found[k].copy()
@@ -234,7 +234,7 @@ class Solution:
         runs, moved = self.problem.runs, np.zeros(self.z.size, bool)
         moved[: len(self.problem.names)] = np.isin(self.problem.names, [*names])
         late = np.concatenate([np.arange(r.edges.size - 1) >= r.edges.size // 2 for r in runs])
-        halves = [self._without(mine, moved)[1] for mine in (late, ~late)]
+        halves = [self._refit_without(mine, moved)[1] for mine in (late, ~late)]
 
         def joined(first: list[Floats], second: list[Floats]) -> list[Floats]:
             middle = (run.edges[run.edges.size // 2] for run in runs)
@@ -247,11 +247,11 @@ class Solution:
 
     def held_out(self) -> Floats:
         """Held-out cost of each block: under parameters fitted without its half."""
-        return self.crossed[0]
+        return self.cross_validation[0]
 
-    def unseen(self, i: int) -> tuple[tuple[FrictionAxis, FrictionAxis], Ints]:
+    def held_out_axes(self, i: int) -> tuple[tuple[FrictionAxis, FrictionAxis], Ints]:
         """Axes of record i fitted without each half, and the half of each of its samples."""
-        _, z, half = self.crossed
+        _, z, half = self.cross_validation
         runs = self.problem.runs
         first = sum(r.edges.size - 1 for r in runs[:i])
         own = half[first : first + runs[i].edges.size - 1]

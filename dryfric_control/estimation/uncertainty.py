@@ -18,7 +18,7 @@ _ZERO_EIGENVALUE = 1e-6
 _LEFT_OUT = 1.0 - 1e-6
 
 
-def unseen(normal: Floats, again: Callable[[Floats], Floats]) -> Floats:
+def null_directions(normal: Floats, again: Callable[[Floats], Floats]) -> Floats:
     """Directions in which the cost does not change, unit vectors as rows; none if all are known.
 
     `normal`: normal matrix in search coordinates; `again`: that of some steps, one a row, from
@@ -123,7 +123,7 @@ def half_width(level: float, freedom: ArrayLike) -> Floats:
     return np.asarray(stats.t.ppf(0.5 + 0.5 * level, freedom), dtype=np.float64)
 
 
-def expanded(steps: Floats, level: float, freedom: Floats) -> tuple[Floats, Floats]:
+def bootstrap_bounds(steps: Floats, level: float, freedom: Floats) -> tuple[Floats, Floats]:
     """Bounds of bootstrap intervals of steps, one a row, expanded for few blocks.
 
     A plain percentile interval corresponds to normal quantiles; the expanded one

@@ -213,7 +213,7 @@ def _motion(record: Record) -> SmoothedMotion:
     # At most the whole drive accelerates the mass.
     mass = float(np.std(record.u)) / max(float(np.std(record.derivatives().a)), 1e-300)
     for _ in range(_ROUNDS):
-        motion = SmoothedMotion.of(record, mass)
+        motion = SmoothedMotion.from_record(record, mass)
         if motion.places.size < _ENOUGH:
             raise ValueError(
                 f"record slides in {motion.places.size} smoothed samples only, {_ENOUGH} are "
@@ -231,7 +231,7 @@ def _regression(
     u = drive_at_the_mass(bare, record)
     middle = motion.x - float(np.mean(motion.x[motion.places]))
     columns = [motion.a, motion.v * viscous, motion.direction, np.ones_like(u), middle, u]
-    rows = motion.smoothed(np.stack(columns, axis=1))
+    rows = motion.smooth_columns(np.stack(columns, axis=1))
     size = np.maximum(np.abs(rows[:, :5]).max(axis=0), 1e-300)
     terms, drive = rows[:, :5] / size, rows[:, 5]
     found = np.linalg.lstsq(terms, drive, rcond=None)[0]

@@ -25,7 +25,11 @@ from dryfric_control.estimation.parameters import (
     typical,
 )
 from dryfric_control.estimation.plausibility import checked_records, warn_if_implausible
-from dryfric_control.estimation.random_force import acts, away_from_rest, lasting
+from dryfric_control.estimation.random_force import (
+    away_from_rest,
+    has_random_force,
+    low_frequency_ratio,
+)
 from dryfric_control.estimation.scoring import (
     COMPARISON_ITERATIONS,
     FINAL_ITERATIONS,
@@ -202,7 +206,7 @@ class Fit(Saved, Result):
         whole("seed", seed, least=0)
         searched, _, gradients, normals, away, _ = self._terms
         steps = uncertainty.bootstrap(gradients, normals, _prior(searched), away, repeats, seed)
-        return self._ends(*uncertainty.expanded(steps, level, freedom))
+        return self._ends(*uncertainty.bootstrap_bounds(steps, level, freedom))
 
     def replay(self, record: Record, window: float = 0.25) -> Replay:
         """Windowed free runs of the fitted axis over another record.
@@ -460,7 +464,7 @@ def maximise_likelihood(
     if not best.point.out:
         best.problem.at(best.z)  # says why there is no such axis
     last = maximise(best.problem, best.z, FINAL_ITERATIONS, again=True)
-    acting = any(acts(last, i) for i in range(len(problem.runs)))
+    acting = any(has_random_force(last, i) for i in range(len(problem.runs)))
     if acting and not any(p.breaks_away for p in problem.parameters):
         clear = last.problem.on(list(map(away_from_rest, last.problem.runs, last.point.states)))
         last = maximise(clear, last.z, COMPARISON_ITERATIONS, again=True)
@@ -534,7 +538,7 @@ def _fit_warnings(found: Solution, first: Floats, z: Floats, force: float) -> It
             if factor > _BOLD:
                 text = f"{p.name} ended {factor:.3g} times {way} its start value"
                 far[f"{text} ({after:.4g}, start {before:.4g} {p.unit})"] = _SHOWN_BY[p.name]
-    if force > 0.0 and lasting(found) >= _LASTING:
+    if force > 0.0 and low_frequency_ratio(found) >= _LASTING:
         axis = problem.axis_at(z)
         level = float(np.mean([axis.coulomb([0.0], s)[0] for s in (1, -1)]))
         share = f" ({percent(force / level)} of the Coulomb level)" if level > 0.0 else ""
@@ -560,7 +564,7 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
     gradients = gradients - bias
     normals = found.curvature() * found.information[:, :count, :count]
     prior = _prior(problem.parameters) + problem.prior_terms(found.z)[2][:count]
-    away = uncertainty.unseen(normals.sum(axis=0), found.information_of)
+    away = uncertainty.null_directions(normals.sum(axis=0), found.information_of)
     covariance = uncertainty.jackknife(gradients, normals, prior, away)
     z = np.clip(z + uncertainty.newton_step(bias, normals, prior, away), low, high)
     if away.size:

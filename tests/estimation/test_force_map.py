@@ -58,13 +58,13 @@ def test_smoothing_widens_with_the_noise_of_the_readings():
 
 
 def test_spread_is_the_adjoint_of_smoothed():
-    motion = SmoothedMotion.of(driven(AXIS), AXIS.mass)
+    motion = SmoothedMotion.from_record(driven(AXIS), AXIS.mass)
     rng = np.random.default_rng(1)
     column, values = (
         rng.standard_normal((motion.x.size, 1)),
         rng.standard_normal(motion.places.size),
     )
-    assert motion.smoothed(column)[:, 0] @ values == pytest.approx(
+    assert motion.smooth_columns(column)[:, 0] @ values == pytest.approx(
         column[:, 0] @ motion.spread(values), rel=1e-10
     )
 

@@ -8,7 +8,7 @@ import dryfric_control as dfc
 from dryfric_control.diagnosis.criterion import evidence
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.estimation.likelihood import Likelihood, prepare
-from dryfric_control.estimation.random_force import integrated, long_run, products
+from dryfric_control.estimation.random_force import integrate_autocorrelation, long_run, products
 from dryfric_control.estimation.scoring import maximise
 
 DT = 1e-3
@@ -27,7 +27,7 @@ def driven(machine, seconds=4.0, seed=0, levels=None):
 
 
 def halves(run):
-    """Half of each sample, by the rule that `Solution.crossed` states."""
+    """Half of each sample, by the rule that `Solution.cross_validation` states."""
     return np.repeat(np.arange(run.edges.size - 1) // 2 % 2, np.diff(run.edges))
 
 
@@ -51,7 +51,7 @@ def fitted(record, active=None):
 
 def test_parameters_of_each_half_are_those_of_a_fit_without_it(lopsided):
     half, record, found = lopsided
-    axes, where = found.unseen(0)
+    axes, where = found.held_out_axes(0)
     np.testing.assert_array_equal(where, half)
     first, second = (axis.effects[0].force for axis in axes)
     for k, one in enumerate((first, second)):
@@ -66,7 +66,7 @@ def test_parameters_of_each_half_are_those_of_a_fit_without_it(lopsided):
 def test_held_out_costs_are_those_of_the_axes_of_the_other_half(lopsided):
     """Each block as the filter sees it under the axis that was not fitted to it."""
     *_, found = lopsided
-    costs, z, half = found.crossed
+    costs, z, half = found.cross_validation
     problem = found.problem
     seen = problem.blocks(0, found.point.out[0])
     for k in (0, 1):
@@ -78,7 +78,7 @@ def test_held_out_costs_are_those_of_the_axes_of_the_other_half(lopsided):
 
 def test_where_both_halves_agree_little_is_lost():
     found = fitted(driven(AXIS.replace(effects=dfc.effects.BiasForce(force=0.5))))
-    for one in found.unseen(0)[0]:
+    for one in found.held_out_axes(0)[0]:
         assert one.effects[0].force == pytest.approx(0.5, abs=0.15)
     lost = found.held_out().sum() - found.problem.blocks(0, found.point.out[0]).sum()
     # Three coordinates, fitted twice: half a unit each is expected.
@@ -132,4 +132,4 @@ def test_long_run_power_of_a_process_of_first_order():
     sums = products(walk, 200)
     np.testing.assert_allclose(sums[[0, 3]], [walk @ walk, walk[3:] @ walk[:-3]], rtol=1e-9)
     # The sum over some 25 lags is known to 2 %.
-    assert 1.0 + integrated(sums / sums[0], n) == pytest.approx(9.0, rel=0.06)
+    assert 1.0 + integrate_autocorrelation(sums / sums[0], n) == pytest.approx(9.0, rel=0.06)

@@ -40,7 +40,7 @@ def test_degrees_of_freedom_of_equal_blocks_and_of_one_that_rules():
 def test_intervals_of_few_blocks_are_those_of_student():
     """Of normal steps; a quantile of 100 000 at 2 % is known to 0.01."""
     steps = np.random.default_rng(4).standard_normal((100_000, 2))
-    low, high = uncertainty.expanded(steps, 0.9, np.array([5.0, 1e9]))
+    low, high = uncertainty.bootstrap_bounds(steps, 0.9, np.array([5.0, 1e9]))
     ends = stats.t.ppf(0.95, [5.0, 1e9])
     np.testing.assert_allclose([-low, high], [ends, ends], rtol=0, atol=0.04)
 

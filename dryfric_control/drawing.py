@@ -142,7 +142,7 @@ def panels(
 ) -> Callable[[Callable[..., str]], Callable[..., PanelPlot]]:
     """Make the `plot` of a result out of a method that draws in axes and returns its title."""
 
-    def made(draw: Callable[..., str]) -> Callable[..., PanelPlot]:
+    def make_plot(draw: Callable[..., str]) -> Callable[..., PanelPlot]:
         def plot(self: Any, ax: Any = None, title: str | None = None) -> PanelPlot:
             axes = axes_of(ax, rows(self) if callable(rows) else rows, title, **options)
             own = draw(self, axes)
@@ -156,7 +156,7 @@ def panels(
         plot.__doc__ = inspect.cleandoc(draw.__doc__ or "") + _ARGUMENTS.format(what=what)
         return plot
 
-    return made
+    return make_plot
 
 
 def shade_stuck(ax: Any, time: ArrayLike, mode: ArrayLike, label: str | None = "stuck") -> None:

@@ -100,11 +100,11 @@ def rotary_words(text: str, unit: str) -> str:
     if not _TURNING.search(unit):
         return text
 
-    def turned(found: re.Match[str]) -> str:
+    def replace_word(found: re.Match[str]) -> str:
         word = _ROTARY[found[1].lower()]
         return (word.capitalize() if found[1][0].isupper() else word) + "s" * bool(found[2])
 
-    return _LINEAR.sub(turned, text)
+    return _LINEAR.sub(replace_word, text)
 
 
 def table(rows: Sequence[Sequence[str]], as_html: bool = False) -> str:

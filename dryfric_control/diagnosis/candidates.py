@@ -91,7 +91,7 @@ def with_effect(axis: FrictionAxis, name: str, values: dict[str, float]) -> Star
     return Start(put(axis, name, effect(**values)), own_names(name))
 
 
-def shown(
+def shown_range(
     name: str, records: Sequence[Record], travel: tuple[float, float] | None
 ) -> tuple[float, float]:
     """Least and largest value of a parameter, such as "cogging_2.amplitude", that records show."""
@@ -122,16 +122,16 @@ def shown(
     return -math.inf, math.inf
 
 
-def placed(
+def is_within_records(
     values: Mapping[str, float], records: Sequence[Record], travel: tuple[float, float] | None
 ) -> bool:
     """Whether a cause acts at positions, lengths, speeds and times that the records show."""
     near = 1.0 + 1e-6
-    bounds = ((v, *shown(n, records, travel)) for n, v in values.items())
+    bounds = ((v, *shown_range(n, records, travel)) for n, v in values.items())
     return all((low < v * near and v < high * near) or low <= v <= high for v, low, high in bounds)
 
 
-def amounts(name: str, own: Iterable[str]) -> Iterator[tuple[str, float, bool]]:
+def free_amounts(name: str, own: Iterable[str]) -> Iterator[tuple[str, float, bool]]:
     """Free amounts of a candidate, the value at which each vanishes, whether others do without."""
     kinds = effect_class(name).parameters()
     for full in own:

@@ -114,7 +114,7 @@ def causes_of(
     _name_scales(search, model, final, wrong, every)
     if len(wrong) == 1 and not model.causes:
         # One wrong base parameter may be an effect that was not needed beside it.
-        others = [*wrong[0].alternatives, *_instead(search, final, wrong[0])]
+        others = [*wrong[0].alternatives, *_alternative_effects(search, final, wrong[0])]
         return [replace(wrong[0], alternatives=tuple(others))]
     return found + wrong
 
@@ -150,7 +150,7 @@ def _name_scales(
     for i, cause in enumerate(wrong):
         if {*every} <= {*slugs} and cause.effect in every and all(cause.parameters.values()):
             alike = _load_does_the_same(search.problem, model, final, *cause.parameters)
-            rest = [c.effect for c in wrong if _apart(search.problem, c, cause)]
+            rest = [c.effect for c in wrong if _differ_in_scale(search.problem, c, cause)]
             scales = ["+".join([one, *rest]) for one in (GAIN, _LOAD)[: 1 + alike]]
             wrong[i] = replace(cause, alternatives=(*cause.alternatives, *scales))
 
@@ -193,7 +193,7 @@ def _wrong_base(
     return [cause for _, cause in sorted(found, key=lambda one: -one[0])]
 
 
-def _apart(problem: Problem, *two: Cause) -> bool:
+def _differ_in_scale(problem: Problem, *two: Cause) -> bool:
     """Whether two values are off by different factors: the same one brings both to nominal."""
     ratios, errors = [], []
     for cause in two:
@@ -206,7 +206,7 @@ def _apart(problem: Problem, *two: Cause) -> bool:
     )
 
 
-def _instead(search: Search, final: Solution, cause: Cause) -> tuple[str, ...]:
+def _alternative_effects(search: Search, final: Solution, cause: Cause) -> tuple[str, ...]:
     """Effects that explain the records as well as one wrong base parameter, held at nominal."""
     problem = replace(search.problem, known=(*search.problem.known, *cause.parameters))
     other = Search(problem, odds=dict(search.odds))
@@ -250,7 +250,7 @@ def _size(search: Search, name: str) -> float:
     return float(np.sqrt(np.mean(np.concatenate(rows) ** 2)))
 
 
-def varying(
+def varying_parameters(
     problem: Problem, final: Solution
 ) -> tuple[dict[str, dict[str, list[float]]], Solution]:
     """Parameters that differ between records, with standard errors, and the fit with them."""
@@ -277,7 +277,7 @@ def varying(
                 **settings | {"each": each_of(fit)},
             )
             worth = evidence(now, fit, [penalty])
-            if worth > (best[0] if best else 0.0) and _separate(now, fit):
+            if worth > (best[0] if best else 0.0) and _is_determined(now, fit):
                 best = worth, name, fit
         if best is None:
             break
@@ -291,7 +291,7 @@ def varying(
     return table, now
 
 
-def _separate(less: Solution, more: Solution) -> bool:
+def _is_determined(less: Solution, more: Solution) -> bool:
     """Whether a further record-specific parameter leaves the others determined, and is itself."""
     before, after, values = less.standard_errors(), more.standard_errors(), more.values()
     new = [n for n in after if "@" in n and n not in before]
@@ -300,7 +300,7 @@ def _separate(less: Solution, more: Solution) -> bool:
     return known and all(MIN_STANDARD_ERRORS * after[n] < differ for n in new)
 
 
-def changing(search: Search, model: Model, final: Solution) -> str:
+def changing_cause(search: Search, model: Model, final: Solution) -> str:
     """The cause or base parameter that differs most between the halves of the records, if any does.
 
     What differs by a part of its amount gains a quarter of that part's square of what it brings.
@@ -324,7 +324,7 @@ def changing(search: Search, model: Model, final: Solution) -> str:
     return max(filter(None, own), key=gains.__getitem__) if any(apart) else ""
 
 
-def scaled(axis: FrictionAxis, scale: float) -> FrictionAxis:
+def scale_forces(axis: FrictionAxis, scale: float) -> FrictionAxis:
     """The axis that moves alike: every force, and the gain of the drive, times `scale`."""
     gain, effects = scale, []
     for effect in axis.effects:
@@ -341,7 +341,7 @@ def scaled(axis: FrictionAxis, scale: float) -> FrictionAxis:
     )  # fmt: skip
 
 
-def rival(
+def equivalent_axis(
     axis: FrictionAxis, believed: FrictionAxis, causes: Sequence[Cause]
 ) -> tuple[FrictionAxis, str, str] | None:
     """An axis that moves alike by another gain, and names of the cause and what replaces it."""
@@ -352,10 +352,10 @@ def rival(
     for cause in causes:
         for other in cause.alternatives:
             if cause.effect == GAIN and "+" in other:
-                return scaled(axis, 1.0 / cause.parameters["gain"]), GAIN, other
+                return scale_forces(axis, 1.0 / cause.parameters["gain"]), GAIN, other
             if other.split("+")[0] == GAIN and cause.effect in SLUGS.values():
                 (value,), (nominal,) = (
                     values_of(a, tuple(cause.parameters)) for a in (axis, believed)
                 )
-                return scaled(axis, nominal / value), cause.effect, other
+                return scale_forces(axis, nominal / value), cause.effect, other
     return None

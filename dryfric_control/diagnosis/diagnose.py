@@ -17,18 +17,24 @@ from threadpoolctl import threadpool_limits
 from dryfric_control._version import __version__
 from dryfric_control.checks import instance, positive, whole
 from dryfric_control.diagnosis.candidates import SLUGS
-from dryfric_control.diagnosis.causes import causes_of, changing, hardly_determined, rival, varying
+from dryfric_control.diagnosis.causes import (
+    causes_of,
+    changing_cause,
+    equivalent_axis,
+    hardly_determined,
+    varying_parameters,
+)
 from dryfric_control.diagnosis.criterion import evidence
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.diagnosis.inputs import (
     as_recorded,
     denoised_inputs,
-    imposed,
-    moving,
+    driven_model,
+    imposed_search,
     with_input_lead,
 )
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
-from dryfric_control.diagnosis.remaining import Remaining, remaining
+from dryfric_control.diagnosis.remaining import Remaining, remaining_force
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import LATE
 from dryfric_control.diagnosis.search import Model, Search
@@ -42,7 +48,7 @@ from dryfric_control.diagnosis.thresholds import (
     MIN_WINDOWS,
     REMAINING_GAIN_RATIO,
 )
-from dryfric_control.diagnosis.verdict import Judged, judged, shows
+from dryfric_control.diagnosis.verdict import Judged, judge_fit, shows
 from dryfric_control.estimation.likelihood import prepare
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge
 from dryfric_control.estimation.plausibility import checked_records, warn_if_implausible
@@ -220,10 +226,10 @@ def diagnose(
         )  # fmt: skip
         # Candidates are fitted in parallel: threads of the linear algebra would only wait.
         with threadpool_limits(1, user_api="blas"):
-            return _diagnosed(problem, records, windows, window, tell, begun + limit)
+            return _search_and_judge(problem, records, windows, window, tell, begun + limit)
 
 
-def _diagnosed(
+def _search_and_judge(
     problem: Problem,
     records: list[Record],
     windows: list[Windows],
@@ -240,9 +246,9 @@ def _diagnosed(
         _Answer, search, model, problem.runs, records, windows, window, tell, end
     )
     try:
-        return answer(message).diagnosis()
+        return answer(message).build_diagnosis()
     except KeyboardInterrupt:
-        return answer([_INTERRUPTED]).diagnosis()
+        return answer([_INTERRUPTED]).build_diagnosis()
 
 
 @dataclass(eq=False)
@@ -271,7 +277,7 @@ class _Answer:
         """The problem of the search, as it is now."""
         return self.search.problem
 
-    def diagnosis(self) -> Diagnosis:
+    def build_diagnosis(self) -> Diagnosis:
         """Judge what the model explains and describe it."""
         references = _reference_costs(self.problem)
         self.search.problem = replace(self.problem, until=self.end)
@@ -281,20 +287,20 @@ class _Answer:
         rivals = self.search.alternatives(self.model)
         self.causes = causes_of(self.search, self.model, final, rivals)
         self.tell("replays", self.model.causes)
-        self._judge(final)
+        self._judge_fit(final)
         if not (self.causes or self.problem.own):
             final = self._nominal_fit(final)
         better = [name for name, cost in references.items() if cost < final.cost]
         if self.found.worse:
             better.append("free runs of the nominal axis")
-        if self.causes and self._reject(better):
+        if self.causes and self._reject_causes(better):
             final = self._without_causes(final)
         if self.finished:
             self._compare_records(final)
-        changes = self._changes()
+        changes = self._change_within_records()
         if "straight line" in better:
             self.messages.append(_LINE)
-        self.messages += self._remarks(final)
+        self.messages += self._limit_messages(final)
         experiment = None
         if self.finished:
             self.tell("next experiment", self.model.causes)
@@ -317,7 +323,7 @@ class _Answer:
             window=self.window,
             hold=self.problem.hold,
             roles=self.heard.held_out_axes(0)[1][self.windows[0].edges[:-1]],
-            remaining=self._remaining(),
+            remaining=self._remaining_force(),
             references={name: cost - final.cost for name, cost in references.items()},
             varies=self.varies,
             others=tuple(self.records[1:]),
@@ -341,7 +347,7 @@ class _Answer:
         shift = final.values().get(SHIFT, 0.0)
         if problem.shift is not None and shift > -MIN_VISIBLE_DELAY * problem.scales.step:
             problem = self.search.problem = replace(problem, shift=None)
-            final = _refit(problem, final, COMPARISON_ITERATIONS)
+            final = _continue_fit(problem, final, COMPARISON_ITERATIONS)
         return final
 
     def _shift_records(self, final: Solution) -> None:
@@ -356,16 +362,16 @@ class _Answer:
         self.records = [r.replace(u=shifted(r.u, shift / r.dt)) for r in self.records]
         self.windows = [cut(r, self.window, self.problem.hold) for r in self.records]
 
-    def _judge(self, fit: Solution) -> None:
+    def _judge_fit(self, fit: Solution) -> None:
         """Measure what a fit explains, on the inputs as recorded."""
         self.heard = as_recorded(fit, self.recorded)
-        self.found = judged(self.problem, self.windows, self.heard)
+        self.found = judge_fit(self.problem, self.windows, self.heard)
 
     def _nominal_fit(self, final: Solution) -> Solution:
         """The nominal axis with its noises fitted."""
         return self.problem.reference(self.problem.believed, noises=noises_of(final))
 
-    def _reject(self, better: Sequence[str]) -> bool:
+    def _reject_causes(self, better: Sequence[str]) -> bool:
         """Whether the causes explain too little to be reported, with a message if so."""
         left = self.found.left
         if better:
@@ -382,7 +388,7 @@ class _Answer:
         """The nominal axis in place of the model, judged as one that leaves something."""
         self.causes, self.model = [], Model(self.model.fit)
         final = self.law = self._nominal_fit(final)
-        self._judge(final)
+        self._judge_fit(final)
         left = replace(self.found.left, significant=True)
         self.found = self.found._replace(left=left)
         return final
@@ -392,19 +398,19 @@ class _Answer:
         if len(self.records) < 2:
             return
         self.tell("differences between the records", self.model.causes)
-        self.varies, apart = varying(self.problem, final)
+        self.varies, apart = varying_parameters(self.problem, final)
         if self.varies:
             self.law = apart
-            self._judge(apart)
+            self._judge_fit(apart)
 
-    def _changes(self) -> str:
+    def _change_within_records(self) -> str:
         """What changes within the records, with a message; empty if nothing does."""
-        changes = changing(self.search, self.model, self.law) if self.finished else ""
+        changes = changing_cause(self.search, self.model, self.law) if self.finished else ""
         if changes:
             self.messages.append(_CHANGES.format(title_of(SLUGS.get(changes, changes))))
         return changes
 
-    def _remarks(self, final: Solution) -> list[str]:
+    def _limit_messages(self, final: Solution) -> list[str]:
         """Messages about what limits the answer."""
         problem = self.problem
         found = [
@@ -428,11 +434,11 @@ class _Answer:
             )
         return found
 
-    def _remaining(self) -> Remaining:
+    def _remaining_force(self) -> Remaining:
         """The random force that is left, if free runs show one."""
         left, unit = self.found.left, self.problem.believed.units[1]
         if left.significant or shows(self.problem, self.heard):
-            return remaining(self.heard, left.significant, left.where, unit)
+            return remaining_force(self.heard, left.significant, left.where, unit)
         return Remaining(unit=unit)
 
 
@@ -444,7 +450,7 @@ def _reference_costs(problem: Problem) -> dict[str, float]:
     return costs
 
 
-def _refit(problem: Problem, fit: Solution, iterations: int) -> Solution:
+def _continue_fit(problem: Problem, fit: Solution, iterations: int) -> Solution:
     """The same model fitted on in a problem."""
     free = problem.free_of(fit)
     return problem.fit(fit.axis, free, noises_of(fit), iterations, each=each_of(fit))
@@ -479,7 +485,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
             problem, begun = early
             search = Search(problem, tell, now=Model(begun))
         model = search.run(Model(begun))
-        again = _reconsidered(search, model, recorded)
+        again = _search_other_inputs(search, model, recorded)
         if again is not None:
             search, model = again
     except KeyboardInterrupt:
@@ -495,22 +501,22 @@ def _force_first(search: Search, recorded: Sequence[Any]) -> tuple[Search, Model
     problem = search.problem
     found, builds_up = search.by_force()
     if builds_up and found.fit.cost > problem.straight_line.cost:
-        found = moving(problem, found.fit, found) or found
+        found = driven_model(problem, found.fit, found) or found
     if not found.causes or found.fit.cost > problem.straight_line.cost:
         return None
     problem = search.problem = denoised_inputs(problem, recorded, found.fit, most=True)
     fit = found.fit
     if any(a.u is not b.u for a, b in zip(recorded, problem.runs, strict=True)):
-        fit = _refit(problem, fit, COMPARISON_ITERATIONS)
+        fit = _continue_fit(problem, fit, COMPARISON_ITERATIONS)
     search.now = Model(fit, found.causes)
     begin = search.pruned(search.now)
     if builds_up:
         begin = search.after_reversals(search.now, begin)
     model = search.run(begin)
-    again = _reconsidered(search, model, recorded)
+    again = _search_other_inputs(search, model, recorded)
     if again is not None:
         search, model = again
-    if problem.clear_of_line(model.fit) and not problem.muted(model.fit):
+    if problem.clear_of_line(model.fit) and not problem.is_muted(model.fit):
         return search, model
     return None
 
@@ -521,11 +527,11 @@ def _by_force(search: Search, begun: Solution) -> tuple[Search, Model] | None:
     In the view of the force itself where the drive follows an imposed motion.
     """
     problem = search.problem
-    other = imposed(problem, search.tell)
+    other = imposed_search(problem, search.tell)
     if other is None:
         return None
     found = other.run(other.now)
-    there = None if problem.late else moving(problem, begun, found)
+    there = None if problem.late else driven_model(problem, begun, found)
     if there is not None:
         motion = Search(problem, search.tell, search.not_tried, now=there)
         model = motion.run(motion.pruned(there))
@@ -534,7 +540,7 @@ def _by_force(search: Search, begun: Solution) -> tuple[Search, Model] | None:
     return (other, found) if problem.behind_line(begun) else None
 
 
-def _reconsidered(
+def _search_other_inputs(
     search: Search, model: Model, recorded: Sequence[Any]
 ) -> tuple[Search, Model] | None:
     """The search continued with inputs that suit the causes found, if others do."""
@@ -544,13 +550,13 @@ def _reconsidered(
     other = denoised_inputs(problem, recorded, model.fit, most=True)
     fit = model.fit
     if any(a.u is not b.u for a, b in zip(other.runs, problem.runs, strict=True)):
-        fit = _refit(other, fit, COMPARISON_ITERATIONS)
+        fit = _continue_fit(other, fit, COMPARISON_ITERATIONS)
     if problem.shift is None:
         early = with_input_lead(other, fit) if search.early > 0.0 else None
         other, fit = early if early is not None else (other, fit)
     else:
         less = replace(other, shift=None)
-        alone = _refit(less, fit, COMPARISON_ITERATIONS)
+        alone = _continue_fit(less, fit, COMPARISON_ITERATIONS)
         if with_input_lead(less, alone) is None:
             other, fit = less, alone
     if fit is model.fit:
@@ -573,7 +579,7 @@ def _verdict(
         return "unexplained" if wrong else "nothing to find"
     doubtful = changes or final.at_bound or not final.converged
     better = found.gain.ratio >= 1.0
-    return "explained" if found.explained and better and not doubtful else "partly explained"
+    return "explained" if found.is_noise and better and not doubtful else "partly explained"
 
 
 def _experiment(
@@ -587,7 +593,7 @@ def _experiment(
     """The experiment that separates the first doubtful cause from its alternatives."""
     doubtful = next((n for n in model.causes if rivals.get(n)), None)
     if doubtful is None:
-        other = rival(final.axis, problem.believed, causes)
+        other = equivalent_axis(final.axis, problem.believed, causes)
         return other and next_experiment(final.axis, other[:1], record, names=other[1:])
     some = dict(list(rivals[doubtful].items())[:MAX_EXPERIMENT_ALTERNATIVES])
     axes = [fit.axis for fit in some.values()]
@@ -715,7 +721,7 @@ def diagnose_batch(
         instance(f"records[{name!r}]", record, Record, "see dfc.read_record")
         cases[name] = axis, (record,)
     found = run_cases(
-        functools.partial(_found, window, hold),
+        functools.partial(_diagnose_case, window, hold),
         "records",
         cases,
         window=window,
@@ -725,10 +731,10 @@ def diagnose_batch(
         jobs=jobs,
         progress=progress,
     )
-    return {name: failure(one) or one for name, one in found.items()}
+    return {name: failure_entry(one) or one for name, one in found.items()}
 
 
-def failure(result: Any) -> dict[str, str]:
+def failure_entry(result: Any) -> dict[str, str]:
     """What stands for a diagnosis that failed; nothing for one that did not."""
     if not isinstance(result, Exception):
         return {}
@@ -787,7 +793,7 @@ def run_cases(
     return results | {key[0]: result for key, result in found.items()}
 
 
-def _found(
+def _diagnose_case(
     window: float | None, hold: str, case: tuple[FrictionAxis, tuple[Record, ...]]
 ) -> dict[str, Any]:
     axis, (record,) = case

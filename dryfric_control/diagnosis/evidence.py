@@ -48,7 +48,7 @@ class Evidence:
 
     axis: FrictionAxis
     record: Record
-    # Time, position and velocity (zero-phase) of the sliding samples that are not `blind`.
+    # Time, position and velocity (zero-phase) of the sliding samples that are not `blind_samples`.
     t: FloatArray
     x: FloatArray
     v: FloatArray
@@ -56,7 +56,7 @@ class Evidence:
     # f v - F): positive where a force in positive direction is missing. u is the force after
     # gain, delay and lag of the drive.
     residual: FloatArray
-    hidden: float  # fraction of the sliding samples that is left out as `blind`
+    hidden: float  # fraction of the sliding samples that is left out as `blind_samples`
     # Time since the motion last changed direction [s]; NaN before the first time.
     since_reversal: FloatArray
     # Autocorrelation of the residual over the lag [s], and the half-width of the 95 % band of
@@ -90,7 +90,7 @@ class Evidence:
         return float(np.sqrt(np.mean(self.errors**2)))
 
     @property
-    def disagreement(self) -> float:
+    def stick_slip_mismatch(self) -> float:
         """Stick/slip mismatch: fraction of the samples in which the modes differ."""
         return float(np.mean(self.mode_measured != self.mode_simulated))
 
@@ -99,7 +99,7 @@ class Evidence:
         return {
             "force_rms": self.force_rms,
             "position_rms": self.position_rms,
-            "mode_disagreement": self.disagreement,
+            "mode_disagreement": self.stick_slip_mismatch,
         }
 
 
@@ -123,7 +123,7 @@ def evidence(
     hold : {"zero", "first"}, optional
         Whether the recorded input is held or interpolated linearly between samples.
     hide : ndarray of bool, shape (nsamples,), optional
-        Samples that are left out of the force residual.  Default: those of `blind`.
+        Samples that are left out of the force residual.  Default: those of `blind_samples`.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def evidence(
     seen = Residual(*behind)
     moving = directions(record)
     index = np.clip(np.rint((seen.t - record.t[0]) / record.dt), 0, len(record) - 1).astype(int)
-    hidden = blind(*behind) if hide is None else hide
+    hidden = blind_samples(*behind) if hide is None else hide
     # Smoothing spreads the hidden samples over its whole window.
     shown = ~binary_dilation(hidden, np.ones(seen.smoothing, bool))[index]
     left_out = float(np.mean(~shown)) if shown.size else 0.0
@@ -189,7 +189,7 @@ def evidence(
     )
 
 
-def blind(axis: FrictionAxis, record: Record) -> BoolArray:
+def blind_samples(axis: FrictionAxis, record: Record) -> BoolArray:
     """Samples at which effects of an axis are no force on one rigid mass.
 
     These are the samples within a distance and a time after each reversal, which
@@ -213,7 +213,7 @@ def blind(axis: FrictionAxis, record: Record) -> BoolArray:
     >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
     ...                         effects=(dfc.effects.Presliding(distance=5e-3),))
     >>> t = 1e-3 * np.arange(4000)
-    >>> hidden = blind(axis, dfc.Record(t, np.cos(t), 0.1 * np.abs(t - 2.0)))
+    >>> hidden = blind_samples(axis, dfc.Record(t, np.cos(t), 0.1 * np.abs(t - 2.0)))
     >>> round(1e-3 * float(hidden[2000:].sum()), 1)     # 0.1 m/s for 2 * 5 mm
     0.1
     """
@@ -341,7 +341,7 @@ class Binned(NamedTuple):
     samples: NDArray[np.int64]
 
 
-def binned(values: ArrayLike, by: ArrayLike, bins: int | ArrayLike = 24) -> Binned:
+def bin_values(values: ArrayLike, by: ArrayLike, bins: int | ArrayLike = 24) -> Binned:
     """Median and quartiles of values over a variable that they may depend on.
 
     Parameters
@@ -360,7 +360,7 @@ def binned(values: ArrayLike, by: ArrayLike, bins: int | ArrayLike = 24) -> Binn
 
     Examples
     --------
-    >>> found = binned([1.0, 2.0, 3.0, 4.0, 5.0, 60.0], [0, 0, 0, 0, 0, 1], bins=[0, 0.5, 1])
+    >>> found = bin_values([1.0, 2.0, 3.0, 4.0, 5.0, 60.0], [0, 0, 0, 0, 0, 1], bins=[0, 0.5, 1])
     >>> found.median.tolist(), found.low.tolist(), found.samples.tolist()
     ([3.0], [2.0], [5])
     """
@@ -440,15 +440,15 @@ def where(
     if not bad.any():
         return ()
     places = list(_places(windows, units[0]))
-    words = _clearest(places, judged, bad)
+    words = _significant_places(places, judged, bad)
     if not words and bad.sum() > 0.5 * judged.sum():
-        words = _clearest(places, judged, judged & (scores > np.median(scores[judged])))
+        words = _significant_places(places, judged, judged & (scores > np.median(scores[judged])))
     if words:
         return words
     return (f"spread over the record, no clear location: {bad.sum()} of {judged.sum()} windows",)
 
 
-def _clearest(places: list[_Place], judged: BoolArray, bad: BoolArray) -> tuple[str, ...]:
+def _significant_places(places: list[_Place], judged: BoolArray, bad: BoolArray) -> tuple[str, ...]:
     """Places that contain significantly many bad windows, in words."""
     inside = np.array([place.there & judged for place in places]).reshape(-1, judged.size)
     total, count = int(judged.sum()), int(bad.sum())

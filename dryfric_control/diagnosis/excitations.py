@@ -43,7 +43,7 @@ class Limits:
         positive("limits.speed", self.speed, unit="m/s")
 
     @classmethod
-    def of(cls, axis: FrictionAxis, record: Record) -> Limits:
+    def from_record(cls, axis: FrictionAxis, record: Record) -> Limits:
         """Travel of the axis, or else of the record, and the largest drive and speed in it."""
         return cls(
             axis.travel or (float(record.x.min()), float(record.x.max())),
@@ -69,7 +69,7 @@ class Stage:
         self.known_force = _KNOWN_FORCE * min(max(self.level, 0.05 * drive), drive)
 
 
-def _zigzag(stage: Stage, speed: float, reach: float) -> Floats:
+def _triangle_wave(stage: Stage, speed: float, reach: float) -> Floats:
     """Triangle at constant speed, from the middle, within `reach`."""
     way = speed * stage.t + reach
     return np.asarray(stage.middle + np.abs(np.mod(way, 4.0 * reach) - 2.0 * reach) - reach)
@@ -77,12 +77,12 @@ def _zigzag(stage: Stage, speed: float, reach: float) -> Floats:
 
 def _triangle(stage: Stage, scale: float) -> Motion:
     speed = min(8.0 * stage.reach / stage.duration, 0.8 * stage.limits.speed)
-    return _zigzag(stage, scale * speed, scale * stage.reach)
+    return _triangle_wave(stage, scale * speed, scale * stage.reach)
 
 
 def _crawl(stage: Stage, scale: float) -> Motion:
     speed = 0.02 * scale * stage.limits.speed
-    return _zigzag(stage, speed, min(stage.reach, speed * stage.duration / 8.0))
+    return _triangle_wave(stage, speed, min(stage.reach, speed * stage.duration / 8.0))
 
 
 def _reversals(stage: Stage, scale: float) -> Motion:
@@ -149,7 +149,7 @@ def _force_steps(stage: Stage, scale: float) -> Motion:
     edges = np.cumsum(np.tile([0.05, 0.11, 0.07, 0.17, 0.09], 40))
     sign = 1.0 - 2.0 * (np.searchsorted(edges, stage.t, side="right") % 2)
     speed, size = 0.3 * stage.limits.speed * scale, 0.4 * scale * stage.spare
-    return _zigzag(stage, speed, stage.reach), np.asarray(size * sign)
+    return _triangle_wave(stage, speed, stage.reach), np.asarray(size * sign)
 
 
 def _small_forces(stage: Stage, scale: float) -> Motion:
@@ -189,11 +189,11 @@ class KnownForce(BiasForce):
     title = "known force"
 
 
-def _heavier(stage: Stage, axis: FrictionAxis) -> FrictionAxis:
+def _with_mass(stage: Stage, axis: FrictionAxis) -> FrictionAxis:
     return axis.effective().replace(mass=axis.effective().mass + stage.added_mass)
 
 
-def _pulled(stage: Stage, axis: FrictionAxis) -> FrictionAxis:
+def _with_force(stage: Stage, axis: FrictionAxis) -> FrictionAxis:
     return axis.replace(effects=(*axis.effects, KnownForce(force=stage.known_force)))
 
 
@@ -208,16 +208,16 @@ class Excitation:
     # The axis with a known change of the bench, such as a mass clamped on.
     change: Callable[[Stage, FrictionAxis], FrictionAxis] | None = None
 
-    def at(self, stage: Stage, size: float) -> tuple[Floats, Floats]:
+    def signals_at(self, stage: Stage, size: float) -> tuple[Floats, Floats]:
         """Reference and feed-forward force at a size."""
         found = self.motion(stage, size)
         return found if isinstance(found, tuple) else (found, np.zeros(found.size))
 
-    def changed(self, stage: Stage, axis: FrictionAxis) -> FrictionAxis:
+    def bench_axis(self, stage: Stage, axis: FrictionAxis) -> FrictionAxis:
         """The axis on the bench."""
         return axis if self.change is None else self.change(stage, axis)
 
-    def words(self, stage: Stage) -> str:
+    def description_at(self, stage: Stage) -> str:
         """The description with the numbers of a stage."""
         mass, force = (stage.axis.unit(unit) for unit in ("kg", "N"))
         return self.description.format(
@@ -261,9 +261,9 @@ EXCITATIONS = (
                "directions.", _coasting),
     Excitation("added_mass", "a known mass clamped on",
                "Add a known mass of {mass} to the axis, half of its own, and move quickly from "
-               "point to point with many reversals.", _reversals, _heavier),
+               "point to point with many reversals.", _reversals, _with_mass),
     Excitation("known_force", "a known force added",
                "Pull the axis in positive direction with a known constant force of {force} (a "
                "weight over a pulley, a known tilt), and run back and forth at four constant "
-               "speeds.", _speeds, _pulled),
+               "speeds.", _speeds, _with_force),
 )  # fmt: skip

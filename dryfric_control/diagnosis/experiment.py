@@ -14,7 +14,7 @@ import numpy as np
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import instance
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
-from dryfric_control.diagnosis.simulated_trial import Refit, Staged, mean_squares, staged
+from dryfric_control.diagnosis.simulated_trial import Refit, Staged, largest_trial, mean_squares
 from dryfric_control.drawing import DASHES, legend_above, over_time, panels
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, title_of, titles_of
@@ -208,19 +208,21 @@ def next_experiment(
     >>> found.separates, found.score["spring"] > 10.0
     (('spring',), True)
     """
-    axes = _checked(axis, rivals, record, limits)
-    names = _named(axes, names)
+    axes = _check_hypotheses(axis, rivals, record, limits)
+    names = _hypothesis_names(axes, names)
     if len(axes) == 1:
         return None
-    stage = Stage(axis, limits or Limits.of(axis, record), record.dt)
+    stage = Stage(axis, limits or Limits.from_record(axis, record), record.dt)
     tried, chosen, left = _search(axes, record, stage)
-    if chosen is None or not any(pair.separate for pair in left):
+    if chosen is None or not any(pair.is_sufficient for pair in left):
         return _change_of_bench(names, tried, axis.units)
-    score = {name: pair.rms * pair.separate for name, pair in zip(names[1:], left, strict=True)}
+    score = {
+        name: pair.rms * pair.is_sufficient for name, pair in zip(names[1:], left, strict=True)
+    }
     return Experiment(
         name=chosen.excitation.name,
         title=chosen.excitation.title,
-        description=chosen.excitation.words(stage),
+        description=chosen.excitation.description_at(stage),
         t=stage.t,
         reference=chosen.reference,
         force=chosen.force if np.any(chosen.force) else None,
@@ -239,26 +241,26 @@ def _search(
 ) -> tuple[dict[str, float], Staged | None, list[Distance]]:
     """Least distance in each experiment, the best one, and the distances left after a refit."""
     quantum = record.resolution.step
-    refits = [Refit.of(one, record, quantum) for one in axes]
+    refits = [Refit.from_axis(one, record, quantum) for one in axes]
     tried: dict[str, float] = {}
     best, chosen, left = -1.0, None, []
     for changed in (False, True):
         some = [e for e in EXCITATIONS if (e.change is not None) == changed]
-        made = (staged(e, stage, axes, quantum, record.dt) for e in some)
+        made = (largest_trial(e, stage, axes, quantum, record.dt) for e in some)
         stages = [one for one in made if one is not None]
         raw = [_distances(one, quantum) for one in stages]
         for one, pairs in zip(stages, raw, strict=True):
             tried[one.excitation.name] = min(pair.rms for pair in pairs)
         # A refit can only bring hypotheses closer: the distance before it is an upper bound,
         # so that the search in this order can stop early.
-        upper = list(map(_worth, raw))
+        upper = list(map(_separation_merit, raw))
         for k in stable_order(-np.array(upper)):
             if not above(upper[k], best):
                 break
             pairs = _distances(stages[k], quantum, refits, raw[k])
-            if above(_worth(pairs), best):
-                best, chosen, left = _worth(pairs), stages[k], pairs
-        if left and all(pair.separate for pair in left):
+            if above(_separation_merit(pairs), best):
+                best, chosen, left = _separation_merit(pairs), stages[k], pairs
+        if left and all(pair.is_sufficient for pair in left):
             break
     return tried, chosen, left
 
@@ -270,18 +272,18 @@ class Distance(NamedTuple):
     rms: float  # in quanta
 
     @classmethod
-    def of(cls, squares: Floats, quantum: float) -> Distance:
+    def from_squares(cls, squares: Floats, quantum: float) -> Distance:
         """Distance that the mean squares of the windows are."""
         ratio = np.sort(squares) / quantum**2
         return cls(float(np.mean(np.log1p(ratio[:-1]))), float(np.sqrt(np.mean(ratio))))
 
     @property
-    def separate(self) -> bool:
+    def is_sufficient(self) -> bool:
         """Whether that is enough to separate them."""
         return self.part > _MIN_SCORE and self.rms > _MIN_RMS_QUANTA
 
 
-def _worth(pairs: Sequence[Distance]) -> float:
+def _separation_merit(pairs: Sequence[Distance]) -> float:
     """Merit of an experiment; saturates, so that pairs not separated yet count most."""
     return float(np.mean([pair.part / (1.0 + pair.part) for pair in pairs]))
 
@@ -301,10 +303,10 @@ def _distances(
             if not refits:
                 squares = mean_squares(trial.errors(one.axes[other]))
             elif worst.part > _MIN_SCORE:
-                squares = refits[other].best(one, trial)
+                squares = refits[other].refit_errors(one, trial)
             else:
                 break
-            worst = min(worst, Distance.of(squares, quantum))
+            worst = min(worst, Distance.from_squares(squares, quantum))
         found.append(worst)
     return found
 
@@ -335,7 +337,7 @@ def _change_of_bench(
     )
 
 
-def _checked(axis: Any, rivals: Any, record: Any, limits: Any) -> tuple[FrictionAxis, ...]:
+def _check_hypotheses(axis: Any, rivals: Any, record: Any, limits: Any) -> tuple[FrictionAxis, ...]:
     """The axes of all hypotheses, and every argument of its kind."""
     instance("axis", axis, FrictionAxis)
     rivals = (rivals,) if isinstance(rivals, FrictionAxis) else rivals
@@ -351,7 +353,7 @@ def _checked(axis: Any, rivals: Any, record: Any, limits: Any) -> tuple[Friction
     return axis, *rivals
 
 
-def _named(axes: Sequence[FrictionAxis], names: Sequence[str] | None) -> list[str]:
+def _hypothesis_names(axes: Sequence[FrictionAxis], names: Sequence[str] | None) -> list[str]:
     """The given names, or those of the effects by which the axes differ."""
     if names is not None:
         if isinstance(names, str) or not isinstance(names, Sequence):

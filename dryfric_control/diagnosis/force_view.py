@@ -67,7 +67,7 @@ class ForceView(ModelView):
         hold = problem.hold
         self.load = np.concatenate([known_force(m.record, hold) for m in self.motions])
         self.scale = 1.0
-        self.y = self._smoothed([self._missing(axis)])[:, 0]
+        self.y = self._smooth_forces([self._missing(axis)])[:, 0]
         self._set_scale()
 
     def _drive_at_the_mass(self, axis: FrictionAxis) -> Floats:
@@ -82,14 +82,16 @@ class ForceView(ModelView):
         found = [missing_force(axis, m, u[part], self.load[part]) for m, part in rows]
         return np.concatenate(found)
 
-    def _smoothed(self, some: Sequence[Floats]) -> Floats:
+    def _smooth_forces(self, some: Sequence[Floats]) -> Floats:
         columns = np.stack(some, axis=1)
         rows = zip(self.motions, self.slices, strict=True)
         return np.concatenate([m.smooth_columns(columns[part]) for m, part in rows])
 
     def _set_scale(self) -> None:
         """The unit of the residual: what the base leaves; and the number of independent samples."""
-        columns = self._smoothed(self.base_forces(self.problem.base) or [np.zeros(self.x.size)])
+        columns = self._smooth_forces(
+            self.base_forces(self.problem.base) or [np.zeros(self.x.size)]
+        )
         ridge = np.eye(columns.shape[1]) / BASE_LOG_DEVIATION
         left, unit = self.y, max(float(np.std(self.y)), 1e-300)
         for _ in range(2):
@@ -129,24 +131,26 @@ class ForceView(ModelView):
         them hides a delay.
         """
         none = np.zeros(self.u.size)
-        needed = self._smoothed([self._missing(self.axis, none)])[:, 0]
+        needed = self._smooth_forces([self._missing(self.axis, none)])[:, 0]
         longest = min(_LATEST * self.duration / self.dt, 0.05 * self.x.size)
-        late = _least(lambda d: self._left_by_curve(needed, round(d)), 1.0, max(longest, 2.0))
+        late = _minimise_on_grid(
+            lambda d: self._left_by_curve(needed, round(d)), 1.0, max(longest, 2.0)
+        )
         late, most = round(late), _EXPLAINED * float(needed @ needed)
         if self._left_by_curve(needed, late) > min(_HALVED * self._left_by_curve(needed, 0), most):
             late = 0
-        u = self._late(late)
+        u = self._delayed_drive(late)
         size = np.abs(u).max()
 
         def left(limit: float) -> float:
-            rest = needed - self._smoothed([np.clip(u, -limit, limit)])[:, 0]
+            rest = needed - self._smooth_forces([np.clip(u, -limit, limit)])[:, 0]
             return float(rest @ rest)
 
-        limit = _least(left, 1e-3 * size, size)
+        limit = _minimise_on_grid(left, 1e-3 * size, size)
         limited = left(limit) < min(_HALVED * left(size), most)
         return late * self.dt, limit if limited else math.inf
 
-    def _late(self, samples: int) -> Floats:
+    def _delayed_drive(self, samples: int) -> Floats:
         """Drive some samples later."""
         drives = [self.u[part] for part in self.slices]
         late = [np.pad(one, (samples, 0), mode="edge")[: one.size] for one in drives]
@@ -154,17 +158,17 @@ class ForceView(ModelView):
 
     def _left_by_curve(self, needed: Floats, late: int) -> float:
         """Squares of the force of the motion that a curve of the late drive leaves."""
-        u = self._late(late)
+        u = self._delayed_drive(late)
         knots = np.unique(np.quantile(u, np.linspace(0.0, 1.0, _KNOTS)))
         if knots.size < 2:
             return float(needed @ needed)
-        columns = self._smoothed([np.interp(u, knots, row) for row in np.eye(knots.size)])
+        columns = self._smooth_forces([np.interp(u, knots, row) for row in np.eye(knots.size)])
         left = needed - columns @ np.linalg.lstsq(columns, needed, rcond=None)[0]
         return float(left @ left)
 
     def of_forces(self, some: Sequence[Floats]) -> Floats:
         # A force that the model gains is missing no more.
-        return -self.scale * self._smoothed(some)
+        return -self.scale * self._smooth_forces(some)
 
     def steps(self, names: Sequence[str]) -> Floats:
         found, now = [], self._missing(self.axis)
@@ -181,7 +185,7 @@ class ForceView(ModelView):
             found.append(self._missing(other, self._drive_at_the_mass(other)) - now)
         if not found:
             return np.zeros((self.y.size, 0))
-        columns = self.scale * self._smoothed(found)
+        columns = self.scale * self._smooth_forces(found)
         return np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
 
     def slopes(self, left: Floats) -> tuple[Floats, Floats]:
@@ -194,7 +198,7 @@ class ForceView(ModelView):
         return force, np.zeros(force.size)
 
 
-def _least(function: Callable[[float], float], low: float, high: float) -> float:
+def _minimise_on_grid(function: Callable[[float], float], low: float, high: float) -> float:
     """Argument with the least value of a function, on a geometric grid and between its points."""
     for _ in range(2):
         grid = np.geomspace(low, high, _GRID)

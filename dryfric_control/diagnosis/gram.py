@@ -140,7 +140,7 @@ def with_force_factor(noises: FloatArray, part: float) -> FloatArray:
     return z
 
 
-def profiled(likelihood: Likelihood, point: Point) -> float:
+def profiled_cost(likelihood: Likelihood, point: Point) -> float:
     """Cost without prior, one factor of all variances fitted; infinite without a result."""
     if not point.out:
         return math.inf
@@ -192,7 +192,7 @@ class Gram:
 
     def simulate(self) -> None:
         """Add the shapes without force columns."""
-        self._add(self._simulated())
+        self._add(self._simulated_shapes())
 
     def _add(self, added: Iterator[tuple[str, Column, FloatArray, float]]) -> None:
         """Add shapes with their columns to the normal equations."""
@@ -221,7 +221,7 @@ class Gram:
         self.least, self.most = np.full(at, -np.inf), np.full(at, np.inf)
         for one in self.items:
             self.least[one.at[0]] = 0.0 if one.column.positive else -np.inf
-            self.most[one.at[0]] = min(one.column.most, self._share(one))
+            self.most[one.at[0]] = min(one.column.most, self._drive_share(one))
         for name in ("_single", "_matrix", "after_reversal"):
             vars(self).pop(name, None)
         for name in (*self.names, REVERSAL):
@@ -229,7 +229,7 @@ class Gram:
             shapes = max([len(some), *(one.shapes for one in some)], default=1.0)
             self.odds[name] = math.log(max(min(shapes, 0.1 * self.count), 1.0))
 
-    def _share(self, one: Item) -> float:
+    def _drive_share(self, one: Item) -> float:
         """Largest coefficient of a force that does what the drive does: half of the drive.
 
         Beyond, it mutes the drive, and the base with it.
@@ -286,7 +286,7 @@ class Gram:
                 if name in present:
                     view = cast(View, self.here)
                     found[name] = [
-                        *_changes(name, present[name], self.base, view),
+                        *_changed_effects(name, present[name], self.base, view),
                         *_other_amounts(name, present[name], view),
                     ]
                 else:
@@ -317,7 +317,7 @@ class Gram:
                     yield name, one, np.nan_to_num(values[:, at : at + width]), -math.inf
                     at += width
 
-    def _simulated(self) -> Iterator[tuple[str, Column, FloatArray, float]]:
+    def _simulated_shapes(self) -> Iterator[tuple[str, Column, FloatArray, float]]:
         """Shapes without force columns, from a pass of the filter each."""
         tasks = [
             (name, one) for name, some in self._shapes.items() for one in some
@@ -335,7 +335,7 @@ class Gram:
                 likelihood = self.problem.likelihood(start.axis, free)
                 z = likelihood.start(noises=self.noises)
                 point = likelihood.at(z)
-                here = profiled(likelihood, point) + likelihood.prior(z)
+                here = profiled_cost(likelihood, point) + likelihood.prior(z)
                 costs = (here, *self._costs(likelihood, self._parts[1:]))
                 gain = max(level - one for level, one in zip(levels, costs, strict=True))
                 return self.here.of_change(point, _MAX_INNOVATION_CHANGE)[:, None], gain
@@ -363,7 +363,7 @@ class Gram:
         costs = []
         for part in parts:
             z = likelihood.start(noises=with_force_factor(self.noises, part))
-            costs.append(profiled(likelihood, likelihood.tried(z)) + likelihood.prior(z))
+            costs.append(profiled_cost(likelihood, likelihood.tried(z)) + likelihood.prior(z))
         return costs
 
     @cached_property
@@ -372,7 +372,7 @@ class Gram:
         likelihood = self.problem.likelihood(self.fit.axis, self.problem.free_of(self.fit))
         return self._costs(likelihood, self._parts)
 
-    def _solved(
+    def _predicted_gains(
         self, sets: Sequence[Sequence[int]], moved: bool, signed: bool = True
     ) -> tuple[FloatArray, FloatArray]:
         """Predicted gains of log-likelihood of sets of items with equally many columns.
@@ -395,7 +395,9 @@ class Gram:
         if signed:
             none |= c <= self.least[index]
         c = np.concatenate((np.zeros((len(sets), held)), c), axis=1)
-        gain = -0.5 * self.count * np.log(np.maximum(1.0 - explained, 1e-12)) - self._assumed(c)
+        gain = -0.5 * self.count * np.log(
+            np.maximum(1.0 - explained, 1e-12)
+        ) - self._assumption_cost(c)
         return np.where(none.any(axis=1), -np.inf, gain), c
 
     def gains(self, sets: Sequence[Sequence[int]]) -> list[float]:
@@ -404,14 +406,16 @@ class Gram:
         widths = [sum(len(self.items[g].at) for g in chosen) for chosen in sets]
         for width in set(widths):
             some = [k for k, w in enumerate(widths) if w == width]
-            both = [self._solved([sets[k] for k in some], moved)[0] for moved in (True, False)]
+            both = [
+                self._predicted_gains([sets[k] for k in some], moved)[0] for moved in (True, False)
+            ]
             for k, gain in zip(some, np.maximum(*both).tolist(), strict=True):
                 found[k] = gain
         return found
 
-    def _remainder(self, chosen: Sequence[int]) -> FloatArray:
+    def _residual_of(self, chosen: Sequence[int]) -> FloatArray:
         """Residual that a set of items leaves, the base moved along."""
-        c = self._solved([chosen], True, signed=False)[1][0]
+        c = self._predicted_gains([chosen], True, signed=False)[1][0]
         at = [*range(self.fixed), *(j for g in chosen for j in self.items[g].at)]
         return np.asarray(self.here.y + self._matrix[:, at] @ c)
 
@@ -420,7 +424,7 @@ class Gram:
 
         Another one then takes it back: the two are one undetermined direction.
         """
-        c, at = self._solved([chosen], True, signed=False)[1][0], self.fixed
+        c, at = self._predicted_gains([chosen], True, signed=False)[1][0], self.fixed
         for g in chosen:
             columns = self.items[g].column.force
             force = sum(v * f for v, f in zip(c[at:], columns, strict=False))
@@ -436,12 +440,14 @@ class Gram:
 
     def least_squares(self, most: int) -> float:
         """Squared residual that forward selection leaves, in the units of the view."""
-        left = self._remainder(self.forward_selection(most))
+        left = self._residual_of(self.forward_selection(most))
         return float(left @ left) * float(np.mean(self.here.scale)) ** -2
 
     def _least_left(self, sets: Sequence[list[int]]) -> list[int]:
         """The set of items that leaves least."""
-        return min(sets, key=lambda some: float(np.linalg.norm(self._remainder(some))), default=[])
+        return min(
+            sets, key=lambda some: float(np.linalg.norm(self._residual_of(some))), default=[]
+        )
 
     def squares_left(self, reversals: bool = False) -> dict[str, float]:
         """Squared residual that the best shape of each effect leaves, the base moved along.
@@ -452,10 +458,10 @@ class Gram:
         unit = float(np.mean(self.here.scale)) ** -2
         beside = self._least_left([[g] for g, i in enumerate(self.items) if i.name == REVERSAL])
         beside = beside if reversals else []
-        left = self._remainder(beside)
+        left = self._residual_of(beside)
         found = {"": unit * float(left @ left)}
         for g, one in enumerate(self.items):
-            left = self._remainder([*beside, g] if g not in beside else beside)
+            left = self._residual_of([*beside, g] if g not in beside else beside)
             found[one.name] = min(found.get(one.name, math.inf), unit * float(left @ left))
         return found
 
@@ -467,12 +473,12 @@ class Gram:
         """
         one = copy.copy(self)
         one.g, chosen, barred = self.g.copy(), list[int](), set[str]()
-        left = one._remainder(chosen)
+        left = one._residual_of(chosen)
         while len(chosen) < most:
             g = one._best(chosen, (REVERSAL,), barred)[1]
             if g < 0:
                 break
-            new = one._remainder([*chosen, g])
+            new = one._residual_of([*chosen, g])
             if one._beyond_record([*chosen, g]):
                 barred.add(one.items[g].name)
                 continue
@@ -488,12 +494,12 @@ class Gram:
             gain = -0.5 * count * math.log(max(fall, 1e-300))
             if gain < one._chance(g) + len(one.items[g].at) or fall > self.here.least_fall:
                 break
-            chosen = one._exchanged([*chosen, g], barred)
-            left = one._remainder(chosen)
-            one._rescale(left)
+            chosen = one._exchange_items([*chosen, g], barred)
+            left = one._residual_of(chosen)
+            one._count_independent(left)
         return chosen
 
-    def _exchanged(self, chosen: list[int], barred: Collection[str]) -> list[int]:
+    def _exchange_items(self, chosen: list[int], barred: Collection[str]) -> list[int]:
         """The set with each item replaced by what gains more in its place, if anything."""
         now = self.gains([chosen])[0]
         for k in range(len(chosen) - 1):
@@ -502,7 +508,7 @@ class Gram:
                 chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
         return chosen
 
-    def _rescale(self, left: FloatArray) -> None:
+    def _count_independent(self, left: FloatArray) -> None:
         """Count independent samples of what is left, in whose units the prior of the base is."""
         self.count = self.here.independent(left)
         size = float(left @ left) / self.count
@@ -510,7 +516,7 @@ class Gram:
         self.g[np.diag_indices(self.fixed)] += (ratio - 1.0) * self._ridge
         self._ridge, self._unit = ratio * self._ridge, size
 
-    def _assumed(self, c: FloatArray) -> FloatArray:
+    def _assumption_cost(self, c: FloatArray) -> FloatArray:
         """Cost of the changes of base parameters as assumptions, which is not quadratic."""
         nominal = np.array([self.problem.nominal[n] for n in self.base])
         counts = [
@@ -529,12 +535,12 @@ class Gram:
         ]  # fmt: skip
         if not late:
             return 0.0
-        gains, c = self._solved(late, True, signed=False)
-        most = float(np.where(c[:, self.fixed] < 0.0, gains - self.alone, -np.inf).max())
+        gains, c = self._predicted_gains(late, True, signed=False)
+        most = float(np.where(c[:, self.fixed] < 0.0, gains - self.base_gain, -np.inf).max())
         return most if most > MIN_PREDICTED_GAIN else 0.0
 
     @cached_property
-    def alone(self) -> float:
+    def base_gain(self) -> float:
         """Predicted gain of the free parameters by themselves."""
         return self.gains([[]])[0]
 
@@ -572,7 +578,7 @@ class Gram:
         for g, (one, gain) in enumerate(zip(self.items, gains, strict=True)):
             if one.name == REVERSAL:
                 continue
-            gain = max(gain - self.alone, one.gain)
+            gain = max(gain - self.base_gain, one.gain)
             found[one.name] = max(found.get(one.name, (-math.inf, g)), (gain, g))
         return found
 
@@ -599,7 +605,7 @@ class Gram:
         ]  # fmt: skip
         found = likely[:MAX_SINGLE_PROPOSALS]
         chosen: list[int] = []
-        now = self.alone
+        now = self.base_gain
         while len(chosen) < MAX_JOINED_CAUSES:
             gain, g = self._best(chosen)
             if g < 0 or gain < now + self._chance(g):
@@ -610,7 +616,7 @@ class Gram:
                 if gain > now + MIN_EXCHANGE_GAIN:
                     chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
             if len(chosen) > 1:
-                found.append((now - self.alone, list(chosen)))
+                found.append((now - self.base_gain, list(chosen)))
         return found
 
     def _chance(self, g: int) -> float:
@@ -626,16 +632,16 @@ class Gram:
         """
         here, problem, slides = self.here, self.problem, self.here.direction != 0.0
 
-        def acting(*names: str) -> FloatArray:
+        def force_of(*names: str) -> FloatArray:
             axis = problem.less(here.axis, *names)
             return -difference(axis, cast(View, here))[slides]
 
-        alone = {n: acting(n) for n in causes}
+        alone = {n: force_of(n) for n in causes}
         there = [n for n in causes if np.any(alone[n])]
         sets = [(n,) for n in there] + [*itertools.combinations(there, 2)]
         if not sets:
             return
-        force = np.stack([acting(*some) for some in sets], axis=1)
+        force = np.stack([force_of(*some) for some in sets], axis=1)
 
         def rest(k: int, name: str) -> float:
             others = [alone[n] for n in sets[k] if n != name]
@@ -707,7 +713,7 @@ class Gram:
         """
         found: dict[str, Proposal] = {}
         count, likelihood = len(self.base), self.likelihood
-        level = profiled(likelihood, likelihood.at(self.z)) + likelihood.prior(self.z)
+        level = profiled_cost(likelihood, likelihood.at(self.z)) + likelihood.prior(self.z)
         for one in self.items:
             if len(one.at) != 1 or not count or one.gain > -math.inf or one.name == REVERSAL:
                 continue
@@ -720,9 +726,9 @@ class Gram:
             rates = same / self.scale[:count] * self.scale[j]
             most = min(one.column.most, 1.0 / max(float(np.abs(rates).max()), 1e-300))
             amounts = np.linspace(0.0 if one.column.positive else -most, most, 201)
-            costs = self._assumed(-amounts[:, None] * rates)
+            costs = self._assumption_cost(-amounts[:, None] * rates)
             best = int(np.argmin(costs))
-            gain = float(self._assumed(np.zeros(count)) - costs[best])
+            gain = float(self._assumption_cost(np.zeros(count)) - costs[best])
             if gain < MIN_PREDICTED_GAIN or gain <= getattr(found.get(one.name), "predicted", 0.0):
                 continue
             c = float(amounts[best])
@@ -730,7 +736,7 @@ class Gram:
                 start = with_effect(self.fit.axis, one.name, dict(one.column.values([c])))
             except ValueError:
                 continue
-            axis = with_values(start.axis, self.base, self._changed(start.axis, -c * rates))
+            axis = with_values(start.axis, self.base, self._change_base(start.axis, -c * rates))
             found[one.name] = Proposal((one.name,), axis, start.free, level - gain, gain)
         return list(found.values())
 
@@ -795,7 +801,7 @@ class Gram:
     def _axes(self, chosen: Sequence[int]) -> Iterator[tuple[FrictionAxis, tuple[str, ...]]]:
         """The model with items at their coefficients, its base as it is and moved along."""
         for moved in (False, True) if self.base else (False,):
-            c, at = self._solved([chosen], moved)[1][0], self.fixed
+            c, at = self._predicted_gains([chosen], moved)[1][0], self.fixed
             axis, free = self.fit.axis, list[str]()
             for g in chosen:
                 one = self.items[g]
@@ -810,10 +816,10 @@ class Gram:
                 axis = with_values(axis, held, [self.here.middle] * len(held))
                 free += [n for n in start.free if n not in held]
             if moved:
-                axis = with_values(axis, self.base, self._changed(axis, c[: len(self.base)]))
+                axis = with_values(axis, self.base, self._change_base(axis, c[: len(self.base)]))
             yield axis, tuple(free)
 
-    def _changed(self, axis: FrictionAxis, c: FloatArray) -> FloatArray:
+    def _change_base(self, axis: FrictionAxis, c: FloatArray) -> FloatArray:
         """Base parameters after relative changes, with their sign and within their bounds."""
         now, some = values_of(axis, self.base), {p.name: p for p in self.likelihood.parameters}
         low, high = (np.array([getattr(some[n], b) for n in self.base]) for b in ("low", "high"))
@@ -834,7 +840,9 @@ def _left(columns: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArra
     return c, ((force - columns @ c) ** 2).sum(axis=0)
 
 
-def _changes(name: str, effect: Effect, base: Sequence[str], view: View) -> Iterator[Column]:
+def _changed_effects(
+    name: str, effect: Effect, base: Sequence[str], view: View
+) -> Iterator[Column]:
     """Other values of an effect that the nominal axis has, but for amounts that are in the base.
 
     Relative changes of each parameter.
@@ -874,9 +882,9 @@ def _other_amounts(name: str, effect: Effect, view: View) -> Iterator[Column]:
         if left[0] > NEGLIGIBLE_FORCE_RATIO**2 * float(force @ force):
             continue
 
-        def other(
+        def other_values(
             c: Sequence[float], one: Column = one, now: FloatArray = now[:, 0]
         ) -> dict[str, float]:
             return one.values([float(a + b) for a, b in zip(now, c, strict=True)])
 
-        yield one._replace(values=other, positive=False)
+        yield one._replace(values=other_values, positive=False)

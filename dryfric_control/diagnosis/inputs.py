@@ -112,24 +112,26 @@ def with_input_lead(problem: Problem, fit: Solution) -> tuple[Problem, Solution]
     return None
 
 
-def imposed(problem: Problem, tell: Callable[..., None]) -> Search | None:
+def imposed_search(problem: Problem, tell: Callable[..., None]) -> Search | None:
     """A search in the view of the force; None if the drive is not what the motion requires."""
     runs = tuple(prepare_force(r.record, problem.hold) for r in problem.runs)
     force = replace(problem, runs=runs, view=ForceView)
     fit = Search(force).alone()
     if len(runs) > 1:
-        force, fit = _apart(force, fit)
+        force, fit = _per_record_problem(force, fit)
     if _one_velocity(force):
         force = replace(force, steady=True)
         fit = Search(force).alone()
     search = Search(force, tell, now=Model(fit))
     # An effect such as gravity may make up most of the required force.
-    if _follows(fit) or any(_follows(r.fit) for r in search.round(search.now) if not r.reason):
+    if _matches_force(fit) or any(
+        _matches_force(r.fit) for r in search.round(search.now) if not r.reason
+    ):
         return search
     return None
 
 
-def moving(problem: Problem, begun: Solution, found: Model) -> Model | None:
+def driven_model(problem: Problem, begun: Solution, found: Model) -> Model | None:
     """The axis with the causes that its force shows, where these make its drive move it.
 
     A drive that holds an axis near breakaway bends its contact, where a rigid one predicts no
@@ -165,7 +167,7 @@ def moving(problem: Problem, begun: Solution, found: Model) -> Model | None:
     return Model(fit, found.causes) if problem.clear_of_line(fit) else None
 
 
-def _apart(problem: Problem, now: Solution) -> tuple[Problem, Solution]:
+def _per_record_problem(problem: Problem, now: Solution) -> tuple[Problem, Solution]:
     """The problem with a Coulomb level and offset per record, where the records differ."""
     for names in ((f"{BIAS}.force", "coulomb"), ("coulomb",)):
         if "coulomb" not in problem.base or not set(names).isdisjoint(problem.known):
@@ -190,7 +192,7 @@ def _one_velocity(problem: Problem) -> bool:
     return all(fast < ONE_VELOCITY * slow for slow, fast in speeds if fast > 0.0)
 
 
-def _follows(fit: Solution) -> bool:
+def _matches_force(fit: Solution) -> bool:
     """Whether the drive, but for its mean, matches the required force of each record."""
     drives = [float(np.std(run.u)) or run.drive for run in fit.problem.runs]
     return (

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dryfric_control.arrays import Floats
-from dryfric_control.diagnosis.candidates import amounts, placed
+from dryfric_control.diagnosis.candidates import free_amounts, is_within_records
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
 from dryfric_control.estimation.force_residual import applied
@@ -30,7 +30,7 @@ def impossible(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -
     effect = named(fit.axis).get(name)
     if effect is None:
         return "not in the model"
-    if not placed(here, records, problem.believed.travel):
+    if not is_within_records(here, records, problem.believed.travel):
         return "outside what the records show"
     axes = [fit.problem.axis_at(fit.z, i) for i in range(len(records))]
     if not all(named(axis)[name].plausible(axis) for axis in axes):
@@ -73,15 +73,15 @@ def unsound(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -> s
     reason = impossible(problem, fit, name, own)
     if reason:
         return reason
-    if any(full in fit.at_bound and _pressed(fit, full) for full in own):
+    if any(full in fit.at_bound and _is_beyond_bound(fit, full) for full in own):
         return "ended at a bound"
     there: dict[bool, list[bool]] = {False: [], True: []}
-    for full, neutral, optional in amounts(name, own):
+    for full, neutral, optional in free_amounts(name, own):
         there[optional].append(_loss(fit, full, neutral) > MIN_EVIDENCE)
     return "" if all(there[False]) or any(there[True]) else "not determined"
 
 
-def _pressed(fit: Solution, name: str) -> bool:
+def _is_beyond_bound(fit: Solution, name: str) -> bool:
     """Whether data want a parameter beyond its bound, rather than leave it open."""
     slopes = fit.gradients.sum(axis=0) if fit.gradients.size else np.full(fit.z.size, np.inf)
     own = np.array(fit.problem.names) == name

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dryfric_control.checks import instance, positive
-from dryfric_control.diagnosis.diagnose import NOT_DIAGNOSED, diagnose, failure, run_cases
+from dryfric_control.diagnosis.diagnose import NOT_DIAGNOSED, diagnose, failure_entry, run_cases
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import with_error
 from dryfric_control.estimation.likelihood import BASE
@@ -191,16 +191,18 @@ def diagnose_joints(
         cases[name] = pair[0], checked_records(pair[1], f"joints[{name!r}][1]")
     options = {"known": list(known), "tolerance": dict(tolerance), "time_limit": time_limit}
     free_runs: dict[str, Any] = {"window": window, "hold": hold}
-    task = functools.partial(_found, options | free_runs)
+    task = functools.partial(_diagnose_joint, options | free_runs)
     run = free_runs | {"store": store, "jobs": jobs, "progress": progress}
     run["settings"] = {"task": "diagnose joints", **options}
     found = run_cases(task, "joints", cases, **run, own=lambda axis: (fingerprint(axis),))
-    failed = {name: failure(one)["reason"] for name, one in found.items() if failure(one)}
+    failed = {
+        name: failure_entry(one)["reason"] for name, one in found.items() if failure_entry(one)
+    }
     done = {name: one for name, one in found.items() if name not in failed}
     return JointDiagnoses({name: from_plain(one, _SAVED) for name, one in done.items()}, failed)
 
 
-def _found(options: dict[str, Any], case: tuple[FrictionAxis, tuple[Record, ...]]) -> Any:
+def _diagnose_joint(options: dict[str, Any], case: tuple[FrictionAxis, tuple[Record, ...]]) -> Any:
     axis, records = case
     record = records[0] if len(records) == 1 else records
     # Joints already run in parallel.

@@ -14,7 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.compiled.likelihood import FREEDOM
-from dryfric_control.diagnosis.candidates import amounts, effect_class, holds, own_names, shown
+from dryfric_control.diagnosis.candidates import (
+    effect_class,
+    free_amounts,
+    holds,
+    own_names,
+    shown_range,
+)
 from dryfric_control.diagnosis.thresholds import (
     MAX_RANDOM_FORCE_RATIO,
     MIN_EVIDENCE,
@@ -92,16 +98,16 @@ class Problem:
     @cached_property
     def nominal(self) -> dict[str, float]:
         """Nominal values of what is uncertain in the nominal axis: base, amounts of its effects."""
-        names = (*BASE, *self.amounts)
+        names = (*BASE, *self.force_amounts)
         return dict(zip(names, values_of(self.believed, names).tolist(), strict=True))
 
     @cached_property
-    def amounts(self) -> tuple[str, ...]:
+    def force_amounts(self) -> tuple[str, ...]:
         """Amounts of the nominal effects that act as a force: no more certain than the base."""
         found = []
         for name, effect in named(self.believed).items():
             if effect.action in _UNSURE and not (self.imposed and effect.action == "input"):
-                found += [full for full, _, _ in amounts(name, own_names(name))]
+                found += [full for full, _, _ in free_amounts(name, own_names(name))]
         values = values_of(self.believed, found)
         return tuple(n for n, v in zip(found, values, strict=True) if v != 0.0)
 
@@ -113,7 +119,7 @@ class Problem:
         then separates the gain from one factor of mass, friction and every other force.
         """
         sure = {*self.known, *self.tolerance}
-        return GAIN in self.amounts and not sure & {*BASE, GAIN}
+        return GAIN in self.force_amounts and not sure & {*BASE, GAIN}
 
     @property
     def base(self) -> tuple[str, ...]:
@@ -127,7 +133,7 @@ class Problem:
         """Whether the motion is imposed by something other than the drive."""
         return issubclass(self.view, ForceView)
 
-    def muted(self, fit: Solution) -> bool:
+    def is_muted(self, fit: Solution) -> bool:
         """Whether the random force is too large, beside the friction, to explain anything."""
         return not self.imposed and fit.largest_force > max(
             MAX_RANDOM_FORCE_RATIO * fit.axis.coulomb.mean, 0.0
@@ -188,7 +194,7 @@ class Problem:
             if p.name == SHIFT:
                 problem.high[j] = 0.0  # acting later is a delay of the machine
             elif not holds(self.believed, p.name.partition(".")[0]) and "." in p.name:
-                low, high = shown(p.name, records, self.believed.travel)
+                low, high = shown_range(p.name, records, self.believed.travel)
                 problem.low[j] = max(problem.low[j], p.search(max(low, p.low)))
                 problem.high[j] = min(problem.high[j], p.search(min(high, p.high)))
         return problem

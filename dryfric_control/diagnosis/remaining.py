@@ -64,7 +64,9 @@ class Remaining(Result):
         return [self.headline, *self.where]
 
 
-def remaining(found: Solution, structured: bool, where: Sequence[str], unit: str) -> Remaining:
+def remaining_force(
+    found: Solution, structured: bool, where: Sequence[str], unit: str
+) -> Remaining:
     """Random force of a fit, from the filter's corrections of the velocity."""
     force, sizes, lags, count = [], [], np.zeros(_MAX_LAG + 1), 0
     for i, (state, run) in enumerate(zip(found.point.states, found.problem.runs, strict=True)):

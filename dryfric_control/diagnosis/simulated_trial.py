@@ -72,7 +72,9 @@ class Runs:
         return np.asarray(errors - (errors @ q) @ q.T)
 
 
-def _windowed(u: Floats, dt: float, length: int, x0: Floats, v0: Floats, rest: Floats) -> Windowed:
+def _cut_windows(
+    u: Floats, dt: float, length: int, x0: Floats, v0: Floats, rest: Floats
+) -> Windowed:
     """Windows of `length` samples each, from known states."""
     edges, sure = length * np.arange(x0.size + 1), np.zeros(x0.size)
     u = u.view()
@@ -93,7 +95,7 @@ class Trial(Runs):
     v: Floats
     u: Floats  # drive force as commanded
 
-    def within(self, limits: Limits) -> bool:
+    def keeps_limits(self, limits: Limits) -> bool:
         """Whether travel and speed keep the limits."""
         low, high = limits.travel
         inside = low <= self.x.min() and self.x.max() <= high
@@ -119,7 +121,7 @@ def simulate(
     rest = (dt * (np.arange(x.size) - last_index_so_far(mode != 0.0, -1) - 1))[starts] * (
         mode[starts] == 0.0
     )
-    windowed = _windowed(u, dt, length, x[starts], v[starts], rest)
+    windowed = _cut_windows(u, dt, length, x[starts], v[starts], rest)
     truth = x[: count * length].reshape(count, length)
     return Trial(windowed, np.ones(count, bool), truth, x, v, u)
 
@@ -136,22 +138,22 @@ class Staged:
     trials: tuple[Trial, ...]  # one for each
 
 
-def staged(
+def largest_trial(
     excitation: Excitation, stage: Stage, axes: Sequence[FrictionAxis], quantum: float, dt: float
 ) -> Staged | None:
     """An excitation at the largest size that keeps the limits with every hypothesis, if any."""
-    limits, changed = stage.limits, tuple(excitation.changed(stage, axis) for axis in axes)
+    limits, changed = stage.limits, tuple(excitation.bench_axis(stage, axis) for axis in axes)
     bandwidth = min(_BANDWIDTH_TIMES_STEP / dt, _MAX_BANDWIDTH)
     gains = PositionController.from_bandwidth(stage.axis, bandwidth, dt, limits.drive)
     for size in _SIZES:
-        reference, force = excitation.at(stage, size)
+        reference, force = excitation.signals_at(stage, size)
         left = limits.drive - float(np.abs(force).max())
         if left <= 0.0:
             continue
         loop = replace(gains, limit=left)
         made = (simulate(axis, loop, reference, force, quantum) for axis in changed)
         try:
-            trials = tuple(itertools.takewhile(lambda trial: trial.within(limits), made))
+            trials = tuple(itertools.takewhile(lambda trial: trial.keeps_limits(limits), made))
         except TooManySwitchesError:
             continue  # the loop runs away with a hypothesis
         if len(trials) == len(changed):
@@ -168,7 +170,7 @@ class Refit:
     quantum: float
 
     @classmethod
-    def of(cls, axis: FrictionAxis, record: Record, quantum: float) -> Refit:
+    def from_axis(cls, axis: FrictionAxis, record: Record, quantum: float) -> Refit:
         """Refit of the base and all effects of an axis, with some windows of a record."""
         names = [n for n in BASE.values() if values_of(axis, [n])[0] > 0.0]
         names += [n for effect in axis.named_effects() for n in own_names(effect)]
@@ -182,12 +184,12 @@ class Refit:
         if moving.size:
             active[moving[np.linspace(0, moving.size - 1, _KNOWN_WINDOWS).astype(int)]] = True
         states = (one[:count] for one in (windows.x0, windows.v0, windows.rest))
-        windowed = _windowed(record.u, record.dt, length, *states)
+        windowed = _cut_windows(record.u, record.dt, length, *states)
         known = Runs(windowed._replace(known=record.known_force), active, np.empty(0))
         problem = Likelihood(axis, names, [prepare(record)])
         return cls(problem, replace(known, truth=known.positions(axis)), quantum)
 
-    def best(self, staged: Staged, trial: Trial) -> Floats:
+    def refit_errors(self, staged: Staged, trial: Trial) -> Floats:
         """Mean square errors of a trial's windows after the best refit, shape (nwindows,).
 
         Gauss-Newton on the mean of log(1 + square/scale^2) over the windows of the trial plus the
@@ -200,7 +202,7 @@ class Refit:
         def errors(z: Floats) -> tuple[Floats, ...] | None:
             try:
                 axis = problem.axis_at(z)
-                new = trial.errors(staged.excitation.changed(staged.stage, axis))
+                new = trial.errors(staged.excitation.bench_axis(staged.stage, axis))
             except ValueError:
                 return None
             return (new, self.known.errors(axis)) if self.known.truth.size else (new,)

@@ -65,7 +65,7 @@ class Floor:
         """Windows whose score clearly exceeds that of every replay."""
         return np.asarray(active & (scores > self.worst + _OUTLIER_MARGIN))
 
-    def reached(self, scores: Floats, active: Bools) -> bool:
+    def is_noise(self, scores: Floats, active: Bools) -> bool:
         """Whether scores of a record are consistent with noise, in their tail and their mean."""
         # Some windows may be outliers, as a breakaway may lie at the edge of a sample.
         out = self.outliers(scores, active)
@@ -172,15 +172,15 @@ class Judged(NamedTuple):
     muted: bool = False  # whether the random force is too large for anything to be explained
 
     @property
-    def explained(self) -> bool:
+    def is_noise(self) -> bool:
         """Whether what is left is noise."""
         return not (self.left.significant or self.worse or self.muted)
 
 
-def judged(problem: Problem, windows: Sequence[Windows], final: Solution) -> Judged:
+def judge_fit(problem: Problem, windows: Sequence[Windows], final: Solution) -> Judged:
     """Measure what a fit explains and what it leaves."""
-    found = _imposed(problem, final) if problem.imposed else _motion(problem, windows, final)
-    return found._replace(muted=problem.muted(final))
+    found = _judge_imposed(problem, final) if problem.imposed else _motion(problem, windows, final)
+    return found._replace(muted=problem.is_muted(final))
 
 
 def shows(problem: Problem, final: Solution) -> bool:
@@ -223,7 +223,7 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
         )
         replays.append(floor.squares[:, active])
         scores = w.scores(at.costs)
-        if not floor.reached(scores, active):
+        if not floor.is_noise(scores, active):
             structured = True
             most = float(floor.worst[active].max())
             here = where(np.where(active, scores, np.nan), most, w, problem.believed.units)
@@ -257,7 +257,7 @@ def _but_the_worst(
     return errors, others
 
 
-def _imposed(problem: Problem, final: Solution) -> Judged:
+def _judge_imposed(problem: Problem, final: Solution) -> Judged:
     """Counterpart of `_motion` for an imposed motion: required force less drive."""
     outs = problem.nominal_fit.point.out, final.point.out
     blocks: list[list[float]] = [[], [], []]

@@ -267,7 +267,7 @@ class ForceExplorer:
         def left(**values: float) -> Floats:
             return self._missing(none | values)[self._shown]
 
-        def short(values: Floats) -> list[float]:
+        def round_list(values: Floats) -> list[float]:
             return [float(f"{value:.{_DIGITS}g}") for value in values]
 
         base, level = left(), left(coulomb=1.0)
@@ -276,10 +276,10 @@ class ForceExplorer:
         linear = ("mass", "viscous", "coulomb", "stiffness", "constant")
         peaks = [left(coulomb=1.0, excess=1.0, stribeck_speed=float(one)) - level for one in speeds]
         return json.dumps({
-            "v": short(self._v[self._shown]), "x": short(self._x[self._shown]),
-            "base": short(base), "columns": {name: short(left(**{name: 1.0}) - base)
+            "v": round_list(self._v[self._shown]), "x": round_list(self._x[self._shown]),
+            "base": round_list(base), "columns": {name: round_list(left(**{name: 1.0}) - base)
                                              for name in linear},
-            "speeds": short(speeds), "peaks": [short(one) for one in peaks],
+            "speeds": round_list(speeds), "peaks": [round_list(one) for one in peaks],
             "sliders": {name: asdict(one) for name, one in self.sliders.items()},
         }).replace("<", "\\u003c")  # fmt: skip
 

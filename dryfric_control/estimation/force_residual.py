@@ -167,17 +167,17 @@ def force_start(problem: Likelihood, z: Floats, records: Sequence[Record]) -> Fl
             return np.full(count, 1e3)
         return np.concatenate([p.force_residual(axis) for p in parts]) / scale
 
-    def searched(start: Floats) -> OptimizeResult:
+    def search_from(start: Floats) -> OptimizeResult:
         robust = {"loss": "soft_l1", "f_scale": 0.1, "max_nfev": 30, "diff_step": 1e-4}
         return least_squares(residual, np.clip(start, low, high), bounds=(low, high), **robust)
 
-    found, start = searched(z), z
+    found, start = search_from(z), z
     # Of a sine only the part in phase is seen: from the wrong side its amplitude falls to zero.
     for i in np.flatnonzero([p.kind == "angle" for p in problem.parameters]):
         for turn in (0.5, 1.0, 1.5):
             tried = start.copy()
             tried[i] = z[i] + turn * math.pi
-            again = searched(tried)
+            again = search_from(tried)
             if again.cost < found.cost:
                 found, start = again, tried
     return np.asarray(found.x)

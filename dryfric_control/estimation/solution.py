@@ -236,12 +236,14 @@ class Solution:
         late = np.concatenate([np.arange(r.edges.size - 1) >= r.edges.size // 2 for r in runs])
         halves = [self._refit_without(mine, moved)[1] for mine in (late, ~late)]
 
-        def joined(first: list[Floats], second: list[Floats]) -> list[Floats]:
+        def join_halves(first: list[Floats], second: list[Floats]) -> list[Floats]:
             middle = (run.edges[run.edges.size // 2] for run in runs)
             rows = zip(first, second, middle, strict=True)
             return [np.concatenate((a[:, :k], b[:, k:]), axis=1) for a, b, k in rows]
 
-        both = Point(0.0, joined(*(p.out for p in halves)), joined(*(p.states for p in halves)))
+        both = Point(
+            0.0, join_halves(*(p.out for p in halves)), join_halves(*(p.states for p in halves))
+        )
         cost = float(self._blocks(both).sum()) + self.problem.prior(self.z)
         return replace(self, point=replace(both, cost=cost), by_recursion=False)
 

@@ -447,7 +447,7 @@ def maximise_likelihood(
         own = problem.on(problem.runs)
         return maximise(own, force_continuation(own, np.concatenate((point, noises))), few)
 
-    def refined(z: Floats) -> Solution:
+    def refine_fit(z: Floats) -> Solution:
         return maximise(problem.on(problem.runs), z, COMPARISON_ITERATIONS, again=True)
 
     run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
@@ -455,7 +455,7 @@ def maximise_likelihood(
     ends = list(tqdm(found, name, len(points), unit="start", disable=not progress))
     if look:
         there = breakaway_search(problem, np.concatenate((points[0], noises)))
-        found = run(joblib.delayed(refined)(z) for z in there)
+        found = run(joblib.delayed(refine_fit)(z) for z in there)
         ends += tqdm(found, name, len(there), unit="point", disable=not progress)
     ends = [ends[i] for i in stable_order([one.cost for one in ends], _EQUAL)][:kept]
     if few < COMPARISON_ITERATIONS:

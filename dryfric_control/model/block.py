@@ -37,7 +37,7 @@ class Block(ct.NonlinearIOSystem):
             if function is None:
                 return None
 
-            def checked(t: float, x: Any, u: Any, params: Any) -> Any:
+            def check_update(t: float, x: Any, u: Any, params: Any) -> Any:
                 if not np.dot(x, x) + np.dot(u, u) < _LARGEST:
                     raise ValueError(
                         f"an input or state of {name!r} is beyond 1e100 or no number at {t:g} s: "
@@ -45,7 +45,7 @@ class Block(ct.NonlinearIOSystem):
                     )
                 return function(t, x, u)
 
-            return checked
+            return check_update
 
         return cls(
             taking_params(update), taking_params(output), inputs=inputs.split(),

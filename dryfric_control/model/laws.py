@@ -245,25 +245,26 @@ class _Switched(Law):
             dv = (w - motion.viscous * v - s * level) * motion.push
             return np.array([v * motion.dt, dv]) / unit
 
-        def outside(k: float, y: Floats) -> float:
+        def band_event(k: float, y: Floats) -> float:
             # A motion that starts at the edge of the band leaves it.
             return float(s * y[1] - self.band / unit[1]) if k > begin else 1.0
 
-        def turning(k: float, y: Floats) -> float:
+        def extremum_event(k: float, y: Floats) -> float:
             return float(s * rates(k, y)[1])
 
-        outside.terminal, outside.direction = True, -1.0  # type: ignore[attr-defined]
-        turning.direction = 1.0  # type: ignore[attr-defined]
+        band_event.terminal, band_event.direction = True, -1.0  # type: ignore[attr-defined]
+        extremum_event.direction = 1.0  # type: ignore[attr-defined]
         run = solve_ivp(
             rates, (begin, end), np.array([x, v]) / unit, method="DOP853",
-            t_eval=np.append(np.arange(math.ceil(begin), end), end), events=(outside, turning),
+            t_eval=np.append(np.arange(math.ceil(begin), end), end),
+            events=(band_event, extremum_event),
             rtol=self.tolerance, atol=self.tolerance, first_step=min(1.0, end - begin),
             max_step=motion.longest,
         )  # fmt: skip
         if run.status < 0:
             raise self._step_error(begin)
         for at, y in zip(run.t_events[1], run.y_events[1], strict=True):
-            if at < end and outside(at, y) < 0.0:
+            if at < end and band_event(at, y) < 0.0:
                 # The velocity has a minimum in the band between two steps: stop there.
                 return self._slide(motion, begin, at, x, v, s, unit, out)
         for at, y in zip(run.t, np.transpose(run.y), strict=True):

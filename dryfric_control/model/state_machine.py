@@ -145,17 +145,19 @@ def _between_stuck(ax: Any, axis: FrictionAxis, force: str, s: int) -> None:
     """Breakaway, and coming to rest, of one direction."""
     sign = _SIGNS[s]
 
-    def across(x: float) -> float:
+    def mirror_x(x: float) -> float:
         return 0.5 + s * (x - 0.5)
 
     # Breakaway: from the top of the box at rest up to the sliding one.
-    _draw_arrow(ax, (across(0.62), 0.43), (across(0.70), 0.60), "arc3")
+    _draw_arrow(ax, (mirror_x(0.62), 0.43), (mirror_x(0.70), 0.60), "arc3")
     ax.text(
-        across(0.64), 0.52, f"${_excess_load_formula(force, s)}$",
+        mirror_x(0.64), 0.52, f"${_excess_load_formula(force, s)}$",
         ha="right" if s > 0 else "left", va="center", fontsize=_SMALL,
     )  # fmt: skip
     # Coming to rest: down from the sliding box, then in to the one at rest.
-    _draw_arrow(ax, (across(0.93), 0.60), (across(0.66), 0.22), "angle,angleA=-90,angleB=0,rad=8")
+    _draw_arrow(
+        ax, (mirror_x(0.93), 0.60), (mirror_x(0.66), 0.22), "angle,angleA=-90,angleB=0,rad=8"
+    )
     speed = f"{axis.stick_speed:.4g} {axis.units[0]}/s"
     rows = [rf"$|v| \leq \Sigma$ = {speed}", rf"and  $-F_{{c-}} \leq {force} \leq F_{{c+}}$"]
     if axis.stribeck and axis.switching == "filippov":
@@ -164,7 +166,7 @@ def _between_stuck(ax: Any, axis: FrictionAxis, force: str, s: int) -> None:
         peak = _levels(axis, axis.coulomb.scaled(top), s)
         rows += [rf"or  $v = 0$ and ${hold}$,", rf"$F_{sign}(0)$ = {peak}"]
     ax.text(
-        across(0.915), 0.415, "\n".join(rows),
+        mirror_x(0.915), 0.415, "\n".join(rows),
         ha="right" if s > 0 else "left", va="center", fontsize=_SMALL, linespacing=1.35,
     )  # fmt: skip
 

@@ -144,7 +144,7 @@ def vectors(
             raise ValueError(f"channels: {name!r} is none; known are {', '.join(EXTRAS)}")
     tv = vector("t", t, gaps)
 
-    def checked(name: str, values: Any) -> Floats:
+    def check_vector(name: str, values: Any) -> Floats:
         array = vector(name, values, gaps)
         if array.size != tv.size:
             raise ValueError(
@@ -153,7 +153,7 @@ def vectors(
         return array
 
     given = {n: n if n == "load" else f"channels[{n!r}]" for n in channels or {}}
-    more = {name: checked(given[name], one) for name, one in (channels or {}).items()}
+    more = {name: check_vector(given[name], one) for name, one in (channels or {}).items()}
     notes = (NO_DRIVE,) * (u is None)
     u = np.zeros(tv.size) if u is None else u
     if x is None and "v" in more:
@@ -161,9 +161,9 @@ def vectors(
         x = np.full(tv.size, np.nan)
         x[sound] = cumulative_trapezoid(more["v"][sound], tv[sound], initial=0.0)
         notes = (*notes, INTEGRAL)
-    found = {"t": tv, "u": checked("u", u), "x": checked("x", x)}
+    found = {"t": tv, "u": check_vector("u", u), "x": check_vector("x", x)}
     if reference is not None:
-        found["reference"] = checked("reference", reference)
+        found["reference"] = check_vector("reference", reference)
     if tv.size < MIN_SAMPLES:
         raise ValueError(f"{tv.size} samples are too few; at least {MIN_SAMPLES} are needed")
     return found | more, notes
@@ -714,11 +714,11 @@ def compare_channels(expected: Floats, measured: Floats, dt: float) -> Compariso
         raise ValueError("the position does not move enough to compare a channel with it")
     centred = wanted - wanted.mean()
 
-    def later(lag: int) -> Comparison:
+    def compare_at(lag: int) -> Comparison:
         seen = measured[longest + lag : expected.size - longest + lag]
         gain = float(centred @ seen) / float(centred @ centred)
         offset = float(seen.mean() - gain * wanted.mean())
         rms = float(np.sqrt(np.mean((seen - gain * wanted - offset) ** 2)))
         return Comparison(gain, offset, lag * dt, rms)
 
-    return min(map(later, range(-longest, longest + 1)), key=lambda one: one.rms)
+    return min(map(compare_at, range(-longest, longest + 1)), key=lambda one: one.rms)

@@ -81,7 +81,7 @@ def read_axes(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
 def read_knowledge(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Arguments `known` and `tolerance` in the table ``[knowledge]`` of an axis file."""
 
-    def knowledge(found: dict[str, Any]) -> dict[str, Any]:
+    def parse_knowledge(found: dict[str, Any]) -> dict[str, Any]:
         if set(found) - {"known", "tolerance"}:
             raise ValueError(
                 'knowledge must be a table with known = ["mass"] and tolerance = {viscous = 0.5}, '
@@ -89,7 +89,7 @@ def read_knowledge(path: str | os.PathLike[str]) -> dict[str, Any]:
             )
         return found
 
-    return read_toml(path, knowledge, "knowledge")
+    return read_toml(path, parse_knowledge, "knowledge")
 
 
 def write_axis(axis: FrictionAxis, path: str | os.PathLike[str]) -> None:

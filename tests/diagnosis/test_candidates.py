@@ -7,8 +7,8 @@ import pytest
 from diagnosis_cases import among, driven
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.candidates import placed
-from dryfric_control.diagnosis.causes import cause_of, changing, hardly_determined
+from dryfric_control.diagnosis.candidates import is_within_records
+from dryfric_control.diagnosis.causes import cause_of, changing_cause, hardly_determined
 from dryfric_control.diagnosis.gram import Gram, Proposal
 from dryfric_control.diagnosis.invariants import impossible, unsound
 from dryfric_control.diagnosis.looks import ProposalFits
@@ -42,7 +42,7 @@ def test_a_cause_acts_where_the_machine_has_been_and_as_the_record_can_show(valu
     t = 1e-3 * np.arange(400)
     x = np.linspace(0.0, 0.06, 400)
     records = [dfc.Record(t, np.sin(t), one, quantum=1e-5) for one in (x, x + 0.04)]
-    assert placed(values, records, None) is expected
+    assert is_within_records(values, records, None) is expected
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +169,7 @@ def test_friction_that_rises_half_way_is_not_explained():
 def test_a_payload_that_comes_half_way_is_a_change_of_the_mass():
     problem = Problem(AXIS, (prepare(changed(AXIS, AXIS.replace(mass=2.2))),))
     fit = problem.fit(AXIS)
-    assert changing(Search(problem), Model(fit), fit) == "mass"
+    assert changing_cause(Search(problem), Model(fit), fit) == "mass"
 
 
 def test_a_cause_that_acts_in_one_half_alone_is_the_same_throughout():
@@ -180,7 +180,7 @@ def test_a_cause_that_acts_in_one_half_alone_is_the_same_throughout():
     search = Search(problem)
     now = search.pruned(Model(problem.fit(SPRUNG, SPRING), ("spring",)))
     assert now.causes == ("spring",)
-    assert changing(search, now, now.fit) == ""
+    assert changing_cause(search, now, now.fit) == ""
 
 
 # -- what no machine can have, and what is looked at again -------------------------------

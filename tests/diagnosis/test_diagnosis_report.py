@@ -171,8 +171,8 @@ def test_free_runs_of_the_machine_itself_err_by_the_encoder_alone(found, shown, 
 
 def test_modes_agree_for_the_machine_and_not_for_the_believed_axis(found, shown, own):
     # A start of motion may be seen a few samples apart, some 20 of them in 8000 samples.
-    assert own.disagreement < 0.02
-    assert shown.disagreement > 5.0 * own.disagreement
+    assert own.stick_slip_mismatch < 0.02
+    assert shown.stick_slip_mismatch > 5.0 * own.stick_slip_mismatch
     assert set(np.unique(own.mode_simulated)) == {-1, 0, 1}
     still = evidence(found.axis.replace(coulomb=1000.0), found.record)
     assert np.mean(still.mode_simulated == 0) > 0.8

@@ -57,7 +57,7 @@ def test_joints_are_diagnosed_each_as_alone(cases, tmp_path, monkeypatch):
     assert [c.effect for c in found["wrist"].causes] == ["bias_force"]
 
     asked = []
-    monkeypatch.setattr(module, "_found", lambda options, case: asked.append(case))
+    monkeypatch.setattr(module, "_diagnose_joint", lambda options, case: asked.append(case))
     again = dfc.diagnose_joints(cases, store=store, progress=False)
     assert asked == [] and again.summary() == found.summary()
     # Another nominal axis is another case.

@@ -9,8 +9,8 @@ import pytest
 
 import dryfric_control as dfc
 from dryfric_control.compiled.axis_step import TooManySwitchesError
-from dryfric_control.diagnosis.causes import rival as scaled_rival
-from dryfric_control.diagnosis.causes import scaled
+from dryfric_control.diagnosis.causes import equivalent_axis as scaled_rival
+from dryfric_control.diagnosis.causes import scale_forces
 from dryfric_control.diagnosis.excitations import EXCITATIONS, Limits, Stage
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.estimation.windows import cut
@@ -121,7 +121,7 @@ def test_the_experiment_separates_what_the_record_does_not(found):
 
 def test_travel_speed_and_drive_stay_within_limits(found):
     names, machine, rival, record, limits, experiment = found
-    limits = limits or Limits.of(machine, record)
+    limits = limits or Limits.from_record(machine, record)
     assert limits.drive <= 40.0 or limits.drive == np.abs(record.u).max()
     for name in names:
         x = experiment.positions[name]
@@ -137,7 +137,7 @@ def test_the_predictions_are_those_of_the_hypotheses(found):
     names, machine, rival, record, limits, experiment = found
     change = next(e.change for e in EXCITATIONS if e.name == experiment.name)
     if change is not None:
-        stage = Stage(machine, limits or Limits.of(machine, record), DT)
+        stage = Stage(machine, limits or Limits.from_record(machine, record), DT)
         machine, rival = change(stage, machine), change(stage, rival)
     x = experiment.positions[names[0]]
     drive = experiment.drives[names[0]]
@@ -178,7 +178,7 @@ SPRUNG = axis(
 @pytest.mark.parametrize("scale", [0.8, 2.0])
 def test_all_forces_scaled_with_the_gain_move_alike(scale):
     """m a = g u - F is m a / c = (g / c) u - F / c."""
-    other = scaled(SPRUNG, scale)
+    other = scale_forces(SPRUNG, scale)
     left = [e.slug for e in SPRUNG.effects][scale == 0.8 :]  # 0.8 is the inverse of the gain
     assert [e.slug for e in other.effects] == left
     assert other.mass == scale * SPRUNG.mass

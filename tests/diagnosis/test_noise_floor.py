@@ -52,7 +52,7 @@ def test_the_integral_of_a_velocity_drifts_in_replays_too():
     assert usual_rms([drifting.squares]) ** 2 == pytest.approx(errors, rel=0.4)
     assert usual_rms([more.squares]) ** 2 == pytest.approx(4.0 * errors, rel=0.4)
     scores = bench.scores(at.costs)
-    assert drifting.reached(scores, active) and not still.reached(scores, active)
+    assert drifting.is_noise(scores, active) and not still.is_noise(scores, active)
 
 
 def of_scores(*replays):
@@ -78,27 +78,27 @@ def test_replays_give_each_window_its_mean_and_its_worst():
 
 
 def test_one_window_in_ten_may_be_out_of_line():
-    assert QUIET.reached(raised(9.0, 8), ALL)
-    assert not QUIET.reached(raised(9.0, 9), ALL)
+    assert QUIET.is_noise(raised(9.0, 8), ALL)
+    assert not QUIET.is_noise(raised(9.0, 9), ALL)
     # And two in any case.
     few = np.arange(80) < 15
-    assert QUIET.reached(raised(9.0, 2), few)
-    assert not QUIET.reached(raised(9.0, 3), few)
+    assert QUIET.is_noise(raised(9.0, 2), few)
+    assert not QUIET.is_noise(raised(9.0, 3), few)
 
 
 def test_the_mean_of_the_others_must_be_near_that_of_the_replays():
-    assert QUIET.reached(np.full(80, 0.199), ALL)
-    assert not QUIET.reached(np.full(80, 0.201), ALL)
+    assert QUIET.is_noise(np.full(80, 0.199), ALL)
+    assert not QUIET.is_noise(np.full(80, 0.201), ALL)
     # The one out of line has no say in the mean.
-    assert QUIET.reached(np.full(80, 0.19) + raised(9.0, 1), ALL)
+    assert QUIET.is_noise(np.full(80, 0.19) + raised(9.0, 1), ALL)
     # Windows not asked for have none either.
     half = np.arange(80) < 40
-    assert QUIET.reached(np.where(half, 0.0, 0.9), half)
+    assert QUIET.is_noise(np.where(half, 0.0, 0.9), half)
     # Scores that scatter say less: four standard errors.
     rough = np.tile([0.9, -0.5], 40)
     assert QUIET.excess(rough, ALL) == pytest.approx((0.2, 0.7 / np.sqrt(80)))
-    assert QUIET.reached(rough, ALL)
-    assert not QUIET.reached(rough + 0.12, ALL)
+    assert QUIET.is_noise(rough, ALL)
+    assert not QUIET.is_noise(rough + 0.12, ALL)
 
 
 def test_the_error_of_a_mean_is_that_of_the_record_or_of_the_replays():
@@ -141,8 +141,8 @@ def test_the_record_itself_is_within_its_floor_and_another_axis_is_not():
     record = made()
     floor, bench = floor_of(record)
     known, wrong = np.ones(len(bench), bool), AXIS.replace(mass=2.1)
-    assert floor.reached(scores_of(bench), known)
-    assert not floor.reached(scores_of(bench, wrong), known)
+    assert floor.is_noise(scores_of(bench), known)
+    assert not floor.is_noise(scores_of(bench, wrong), known)
     # The same wrong model, scored on replays of the truth.
     lifted, _ = floor_of(record, model=wrong)
     assert lifted.expected.mean() > 5.0 * floor.expected.mean()
@@ -171,10 +171,10 @@ def test_an_input_recorded_in_steps_acted_between_them():
     floor, bench = floor_of(record)
     known, scores = np.ones(len(bench), bool), scores_of(bench)
     # Far beyond the noise of the readings, yet nothing that the rounding does not cause.
-    assert not floor_of(made())[0].reached(scores, known)
-    assert floor.reached(scores, known)
+    assert not floor_of(made())[0].is_noise(scores, known)
+    assert floor.is_noise(scores, known)
     # A level that is wrong by more than the rounding shows all the same.
-    assert not floor.reached(scores_of(bench, AXIS.replace(coulomb=9.0)), known)
+    assert not floor.is_noise(scores_of(bench, AXIS.replace(coulomb=9.0)), known)
 
 
 def test_a_drive_that_acts_in_steps_has_no_rounding():

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.arrays import Floats
-from dryfric_control.diagnosis.evidence import Evidence, binned, blind, evidence
+from dryfric_control.diagnosis.evidence import Evidence, bin_values, blind_samples, evidence
 from dryfric_control.diagnosis.report import wording
-from dryfric_control.diagnosis.report.findings import Findings, plain
+from dryfric_control.diagnosis.report.findings import Findings, plain_number
 from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
 from dryfric_control.drawing import axes_of, control_plot, label_axes, legend_above
 from dryfric_control.model.effects.naming import title_of
@@ -86,13 +86,13 @@ def plot_diagnosis(d: Findings, ax: Any = None) -> ct.ControlPlot:
 def sides(d: Findings) -> tuple[Evidence, Evidence | None]:
     """Evidence for the nominal axis, and with the causes if there are any."""
     # Both leave out of the force residual what the causes make no force.
-    hide = blind(d.extended, d.record)
+    hide = blind_samples(d.extended, d.record)
     before = evidence(d.axis, d.record, d.window, d.hold, hide)
     same = d.extended.effective() == d.axis.effective()
     return before, None if same else evidence(d.extended, d.record, d.window, d.hold, hide)
 
 
-def shown(
+def shown_sides(
     before: Evidence, after: Evidence | None, first: str = "nominal"
 ) -> list[tuple[Evidence, dict[str, Any], str]]:
     """The sides there are, each with its style and its name."""
@@ -150,7 +150,7 @@ def draw_difference(
     edges = windows.edges[first : min(first + _SHOWN, len(windows)) + 1]
     part = slice(edges[0], edges[-1])
     gaps = edges[1:-1] - edges[0]
-    lines = shown(before, after)[0 if nominal else -1 :]
+    lines = shown_sides(before, after)[0 if nominal else -1 :]
     most = max(float(np.abs(one.errors[part]).max()) for one, _, _ in lines)
     factor, unit = prefix_unit(max(0.1 * max(most, windows.floor), _LEAST_SHOWN), d.axis.units[0])
     for one, style, name in lines:
@@ -181,7 +181,7 @@ def draw_friction_curves(d: Findings, before: Evidence, after: Evidence | None, 
     for one, reach in panels:
         label = "measured, net of inertia and other effects"
         one.plot(last.v[some], measured[some], ".", **_CLOUD, label=label)
-        for (side, style, name), width in zip(shown(before, after), (1.6, 1.4), strict=False):
+        for (side, style, name), width in zip(shown_sides(before, after), (1.6, 1.4), strict=False):
             draw_curve(side.axis, one, reach, span, name, lw=width, **style)
         one.axhline(0.0, color="0.7", lw=0.6, zorder=0)
         one.set_xlim(-reach if one is ax else 0.0, reach)
@@ -213,7 +213,7 @@ def draw_errors(d: Findings, before: Evidence, after: Evidence | None, ax: Any) 
         label = label if i == judged[0] else f"_{label}"
         ax.axvspan(ends[i], ends[i + 1], color="0.92", lw=0, zorder=0, label=label)
     marks: tuple[dict[str, Any], ...] = ({"mfc": "white", "ms": 3.5}, {"ms": 3})
-    for (side, style, name), mark in zip(shown(before, after), marks, strict=False):
+    for (side, style, name), mark in zip(shown_sides(before, after), marks, strict=False):
         # A motionless window has hardly any error: it is drawn at the lower edge.
         error = np.maximum(side.error_by_window, least) / factor
         ax.semilogy(middle, error, **style, **mark, marker="o", lw=0.9, label=name)
@@ -240,11 +240,11 @@ def draw_residual(
     elif by in ("position", "time"):
         # Narrow ones: wide ones beat with the pitch of cogging, or with a motion.
         bins = max(_BINS, min(10 * _BINS, place.size // 25) // (2 if by == "position" else 1))
-    for side, style, name in shown(before, after, "its median"):
+    for side, style, name in shown_sides(before, after, "its median"):
         # Over position one line for both directions would jump between their branches.
         for way in (1, -1) if by == "position" else (0,):
             here = side.v * way > 0.0 if way else slice(None)
-            found = binned(side.residual[here], getattr(side, column)[here], bins)
+            found = bin_values(side.residual[here], getattr(side, column)[here], bins)
             marks: dict[str, Any] = {"lw": 1.6, "ms": 5}
             if way:
                 every = max(1, found.centre.size // 6)
@@ -315,14 +315,14 @@ def draw_autocorrelation(before: Evidence, after: Evidence | None, ax: Any) -> N
     band = {"color": "0.85", "lw": 0, "label": "95 % of white noise"}
     ax.fill_between(last.lags, -last.white, last.white, **band)
     ax.axhline(0.0, color="k", lw=0.6)
-    for (side, style, name), width in zip(shown(before, after), (1.4, 1.2), strict=False):
+    for (side, style, name), width in zip(shown_sides(before, after), (1.4, 1.2), strict=False):
         ax.plot(side.lags, side.autocorrelation, **style, lw=width, label=name)
     ax.set_ylim(-1.05, 1.05)
     ax.margins(x=0.0)
     label_axes(ax, "lag [s]", "autocorrelation [1]")
 
 
-def falls(d: Findings) -> dict[str, float]:
+def candidate_gains(d: Findings) -> dict[str, float]:
     """What every candidate gains alone, by id, the most first: `MEASURE`."""
     table = {slug: s for slug, s in d.scores.items() if slug and np.isfinite(s)}
     order = sorted(table, key=table.__getitem__)
@@ -332,7 +332,7 @@ def falls(d: Findings) -> dict[str, float]:
 def any_bar(d: Findings) -> bool:
     """Whether a candidate alone does more than chance, where there is something to find."""
     found = d.verdict != "nothing to find"
-    return found and max(falls(d).values(), default=0.0) >= MIN_EVIDENCE
+    return found and max(candidate_gains(d).values(), default=0.0) >= MIN_EVIDENCE
 
 
 def no_bar_text(d: Findings) -> str:
@@ -355,7 +355,7 @@ def _kinds(d: Findings) -> dict[str, str]:
 
 def _top(d: Findings) -> dict[str, float]:
     """The candidates that are drawn: the best ones, and those that are named."""
-    times, named = falls(d), _kinds(d)
+    times, named = candidate_gains(d), _kinds(d)
     best = [slug for slug, value in times.items() if value >= MIN_EVIDENCE][:_BARS]
     return {slug: value for slug, value in times.items() if slug in best or slug in named}
 
@@ -363,9 +363,9 @@ def _top(d: Findings) -> dict[str, float]:
 def others_text(d: Findings) -> str:
     """Candidates without a bar, in one line."""
     top = _top(d)
-    hidden = {slug: value for slug, value in falls(d).items() if slug not in top}
+    hidden = {slug: value for slug, value in candidate_gains(d).items() if slug not in top}
     better = {slug: value for slug, value in hidden.items() if value >= MIN_EVIDENCE}
-    next_ones = f"Next, at most {plain(max(better.values(), default=0.0))}: "
+    next_ones = f"Next, at most {plain_number(max(better.values(), default=0.0))}: "
     rest = [slug for slug in hidden if slug not in better]
     lines = {next_ones: [*better], "No better on their own: ": rest}
     return " ".join(f"{head}{', '.join(map(title_of, s))}." for head, s in lines.items() if s)
@@ -376,7 +376,7 @@ def draw_candidates(d: Findings, ax: Any) -> None:
     ax.set_xlabel(f"{textwrap.fill(MEASURE, 24)} [1]")
     if not any_bar(d):
         words = "no candidate had to be tried"
-        if falls(d):
+        if candidate_gains(d):
             words = textwrap.fill(rotary_words(no_bar_text(d), d.axis.units[1]), 44)
         ax.text(0.5, 0.5, words, ha="center", va="center", transform=ax.transAxes)
         ax.set_axis_off()

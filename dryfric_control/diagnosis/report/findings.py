@@ -115,10 +115,10 @@ class Gain(Result):
         """Errors and their ratio in one line."""
         values = self.before, self.after, self.floor
         before, after, floor = (length_text(value, self.unit) for value in values)
-        low, high = map(plain, self.interval)
+        low, high = map(plain_number, self.interval)
         return (
-            f"{before} RMS before, {after} after; error reduction (factor) {plain(self.ratio)} "
-            f"(90 %: {low} to {high}); noise floor {floor}"
+            f"{before} RMS before, {after} after; error reduction (factor) "
+            f"{plain_number(self.ratio)} (90 %: {low} to {high}); noise floor {floor}"
         )
 
     def _summary_parts(self) -> list[str]:
@@ -300,6 +300,6 @@ def cause_text(cause: Cause, axis: FrictionAxis | None = None) -> str:
     return rotary_words(text, " ".join(cause.units.values()))
 
 
-def plain(value: float) -> str:
+def plain_number(value: float) -> str:
     """A ratio with three digits and, up to a million, no exponent."""
     return f"{float(f'{value:.3g}'):g}"

@@ -19,7 +19,7 @@ from dryfric_control.diagnosis.report.findings import (
     Findings,
     change_text,
     parameter_texts,
-    plain,
+    plain_number,
 )
 from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
 from dryfric_control.drawing import control_plot
@@ -58,13 +58,13 @@ def _svg(draw: Callable[..., None], *given: Any, **options: Any) -> str:
 
 
 @jinja2.pass_context
-def _words(context: Any, value: Any) -> str:
+def _axis_words(context: Any, value: Any) -> str:
     """Text in the words of the axis, typeset; names are left as they are."""
     return typeset_signs(rotary_words(value, context["force"]))
 
 
 _TEMPLATES.filters |= {
-    "typeset": typeset_signs, "words": _words, "titles": titles_of, "plain": plain,
+    "typeset": typeset_signs, "words": _axis_words, "titles": titles_of, "plain": plain_number,
     "length": length_text, "html_table": lambda rows: Markup(table(rows, as_html=True)),
 }  # fmt: skip
 _TEMPLATES.globals |= {
@@ -82,7 +82,7 @@ def html_summary(d: Findings) -> str:
 def html_page(d: Findings) -> str:
     """The whole report as one HTML page that needs no network."""
     before, after = figures.sides(d)
-    sides = figures.shown(before, after)
+    sides = figures.shown_sides(before, after)
     medians, rms = (
         ", ".join(f"{text(side)} {name}" for side, _, name in sides) for text in (_median, _force)
     )
@@ -112,12 +112,12 @@ def _median(side: Evidence) -> str:
 
 def _evidence_rows(d: Findings, before: Evidence, after: Evidence | None) -> list[tuple[str, ...]]:
     length, force = before.axis.units
-    sides = figures.shown(before, after)
+    sides = figures.shown_sides(before, after)
     rows: dict[str, Callable[[Evidence], str]] = {
         rotary_words("force residual, RMS", force): _force,
         "free runs, RMS error": lambda side: length_text(side.position_rms, length),
         "free runs, median error": _median,
-        "stick/slip mismatch *": lambda side: percent(side.disagreement),
+        "stick/slip mismatch *": lambda side: percent(side.stick_slip_mismatch),
     }
     head = (wording.shown_record(d) or "whole record", *(name for *_, name in sides))
     return [head, *((name, *(text(side) for side, *_ in sides)) for name, text in rows.items())]

@@ -105,7 +105,7 @@ def level_text(table: dict[str, Any], side: str, units: tuple[str, str]) -> str:
     return between.join(f"{way}{mark}{one}" for (_, way), one in zip(WAYS, ways, strict=True))
 
 
-def meaning(d: Findings, cause: Cause) -> list[str]:
+def cause_meaning(d: Findings, cause: Cause) -> list[str]:
     """What a cause comes to in the axis, a line each; none where its parameters say it."""
     lines, effect = [], d.extended.named_effects().get(cause.effect)
     if effect is not None and effect.viscous_in(1) != 0.0:
@@ -270,7 +270,7 @@ def summary_lines(d: Findings) -> list[str]:
     lines += [f"warning: {one}" for one in far_off(d)]
     for i, cause in enumerate(shown_causes(d), start=1):
         lines.append(f"{i}. {line_of(d, cause)}")
-        lines += [f"    {line}" for line in meaning(d, cause)]
+        lines += [f"    {line}" for line in cause_meaning(d, cause)]
     small = d.small_corrections
     if small:
         lines.append(f"small corrections of nominal values ({100.0 * SMALL:g} % or less):")

@@ -147,14 +147,14 @@ def by_law(effect: EffectClass, view: View) -> Iterator[Column]:
             yield simulated_column(**given)
             continue
 
-        def found(c: Sequence[float], given: dict[str, float] = given) -> dict[str, float]:
+        def values_of(c: Sequence[float], given: dict[str, float] = given) -> dict[str, float]:
             return given if linear is None else given | {linear: float(c[0]) * given[linear]}
 
         positive = linear is None or low[linear] >= 0.0
         if effect.action == "reading":
-            yield Column(found, (), (force,), positive)
+            yield Column(values_of, (), (force,), positive)
         else:
-            yield Column(found, (force,), (), positive)
+            yield Column(values_of, (force,), (), positive)
 
 
 def _parts(item: Any, view: View) -> list[float]:

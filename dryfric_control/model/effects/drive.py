@@ -105,12 +105,12 @@ class ActuatorLag(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        def lagged(late: float) -> Floats:
+        def lag_drive(late: float) -> Floats:
             kept = math.exp(-1.0 / late)
             start = [kept * view.drive[0]]
             return np.asarray(lfilter([1.0 - kept], [1.0, -kept], view.drive, zi=start)[0])
 
-        yield from delayed_columns(view, "time_constant", lagged, _LATE)
+        yield from delayed_columns(view, "time_constant", lag_drive, _LATE)
 
 
 @register_effect

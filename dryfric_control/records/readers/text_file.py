@@ -321,17 +321,17 @@ def _scope(text: _Text, rows: list[list[str]]) -> tuple[int, list[str], list[int
     start = next((k for k in range(about["Name"], len(rows)) if _is_number(rows[k][0])), len(rows))
     clocks = [k for k, name in enumerate(names) if name == "Name"]
 
-    def said(row: str, k: int) -> str:
+    def cell_of(row: str, k: int) -> str:
         cells = rows[about[row]] if row in about else []
         return cells[k] if k < len(cells) else ""
 
     headings = []
     for k, name in enumerate(names):
         # "V (Voltage)": the unit, then its quantity
-        unit = said("Unit", k).partition(" (")[0].strip()
+        unit = cell_of("Unit", k).partition(" (")[0].strip()
         headings.append("" if k in clocks else f"{name} [{unit}]" if known_unit(unit) else name)
         for row, usual in (("ScaleFactor", 1.0), ("Offset", 0.0)):
-            cell = said(row, k)
+            cell = cell_of(row, k)
             if k not in clocks and _is_number(cell) and _number(cell) != usual:
                 text.factors += (f"{name} has {row} {cell}: the export says not whether it is in "
                                  "the numbers",)  # fmt: skip

@@ -249,7 +249,7 @@ def _with_load(record: Record, coupling: Floats, note: str) -> Record:
     """A record whose load is a coupling force with the opposite sign, its mean over each sample."""
     mean = 0.5 * (coupling + np.append(coupling[1:], coupling[-1:]))
     notes = tuple(one for one in record.notes if not one.startswith("load: "))
-    return record._derive(channels={**record.channels, "load": -mean}, notes=(*notes, note))
+    return record._with_changes(channels={**record.channels, "load": -mean}, notes=(*notes, note))
 
 
 def _nominal(

@@ -140,7 +140,7 @@ def _interpolate_record(record: Record, clock: Floats) -> Record:
     inside = np.clip(clock, t[0], t[-1])
     x = PchipInterpolator(t, record.x)(inside)
     masked = mask_filled(t[record.good], clock, x, dt)
-    return record._derive("put on the clock of the other joints", t=clock, u=u, x=x, dt=dt,
+    return record._with_changes("put on the clock of the other joints", t=clock, u=u, x=x, dt=dt,
                         channels={}, reference=None, masked=masked)  # fmt: skip
 
 

@@ -210,7 +210,7 @@ class Record(Saved):
             own["reference"] = self.reference
         return own | dict(self.channels)
 
-    def _derive(self, note: str = "", **changes: Any) -> Record:
+    def _with_changes(self, note: str = "", **changes: Any) -> Record:
         """A record made from this one; a part of it may well stand still."""
         kept = self.__getstate__() | changes
         return _made(kept | {"notes": kept["notes"] + (note,) * bool(note)})
@@ -363,7 +363,7 @@ class Record(Saved):
             shift = rng.uniform(0.0, quantum) if shift is None else shift
             x = quantum * np.round((x - shift) / quantum) + shift
         kept = {name: one for name, one in self.channels.items() if name == "load"}
-        return self._derive("read anew", x=x, channels=kept, masked=NONE)
+        return self._with_changes("read anew", x=x, channels=kept, masked=NONE)
 
     def replace(self, u: npt.ArrayLike | None = None, x: npt.ArrayLike | None = None) -> Record:
         """The record with another input or other positions.
@@ -375,7 +375,7 @@ class Record(Saved):
         """
         given = {name: values for name, values in (("u", u), ("x", x)) if values is not None}
         new: dict[str, Any] = {name: self._one_each(name, one) for name, one in given.items()}
-        return self._derive(**new)
+        return self._with_changes(**new)
 
     def _one_each(self, name: str, values: npt.ArrayLike) -> Floats:
         """Finite numbers, one for each sample."""
@@ -398,7 +398,7 @@ class Record(Saved):
                 f"the slice {start}:{stop} of a record of {len(self)} samples holds "
                 f"{max(0, stop - start)}, at least 2 are needed"
             )
-        return self._derive(**self._at_samples(slice(start, stop)))
+        return self._with_changes(**self._at_samples(slice(start, stop)))
 
     def window(self, t0: float | None = None, t1: float | None = None) -> Record:
         """The samples with t0 <= t < t1.
@@ -481,7 +481,7 @@ class Record(Saved):
         means = {k: one[: pick.stop].reshape(groups, -1).mean(axis=1) for k, one in held.items()}
         parts = self._at_samples(pick) | {"u": means.pop("u"), "dt": self.dt * factor}
         parts["channels"] |= means
-        return self._derive(f"decimated by {factor}", **parts)
+        return self._with_changes(f"decimated by {factor}", **parts)
 
     def commanded(self, gain: float | None = None) -> Record:
         """The record of a position servo, its drive a proportional law.
@@ -510,7 +510,7 @@ class Record(Saved):
             u *= positive("gain", gain)
             note = f"u is {float(gain):g} (reference - x)"
         others = tuple(one for one in self.notes if one != checks.NO_DRIVE)
-        return self._derive(note, u=u, units=units, notes=others)
+        return self._with_changes(note, u=u, units=units, notes=others)
 
     def resampled(self, dt: float) -> Record:
         """The record at another step, as `from_irregular` does it.
@@ -524,7 +524,7 @@ class Record(Saved):
         new = checks.resample(self._arrays(), dt, "zero", "monotone")
         note = f"resampled from {self.dt:g} s to {dt:g} s"
         masked = bad_readings.mask_filled(self.t[self.good], new["t"], new["x"], dt)
-        return self._derive(note, dt=dt, masked=masked, **_channels_apart(new))
+        return self._with_changes(note, dt=dt, masked=masked, **_channels_apart(new))
 
     @classmethod
     def from_irregular(
@@ -616,7 +616,7 @@ class Record(Saved):
             before = f"{lacking} in the source; " if lacking else ""
             after = "; ".join(parts) or "none lost"
             warn(f"{before}of {len(record)} samples of the new record: {after}")
-        return record._derive(masked=gaps)
+        return record._with_changes(masked=gaps)
 
     @classmethod
     def split_at_gaps(
@@ -662,7 +662,9 @@ class Record(Saved):
             )
         if lost := tv.size - sum(b - a for a, b in stretches):
             warn(f"{lost} samples in stretches of fewer than {checks.MIN_SAMPLES} were left out")
-        return tuple(whole[a:b]._derive(dt=checks.uniform_step(tv[a:b])) for a, b in stretches)
+        return tuple(
+            whole[a:b]._with_changes(dt=checks.uniform_step(tv[a:b])) for a, b in stretches
+        )
 
     def derivatives(self, window: int | None = None) -> Derivatives:
         """Zero-phase position, velocity and acceleration.

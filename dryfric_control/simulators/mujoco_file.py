@@ -246,11 +246,13 @@ def _read_back(
         for copy in names[name]:
             said += [f"{copy}: {one}" for one in engine.differences(model, copy, values)]
         there = engine.joint_numbers(model, names[name][0])
-        values.update({n: there[n] for n in values if n in there and _differs(values[n], there[n])})
+        values.update(
+            {n: there[n] for n in values if n in there and _is_different(values[n], there[n])}
+        )
     return said
 
 
-def _differs(wanted: float, found: float) -> bool:
+def _is_different(wanted: float, found: float) -> bool:
     """Whether a number is another than that which was written with six digits."""
     return files.number(wanted) != files.number(found)
 

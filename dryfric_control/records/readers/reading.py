@@ -106,7 +106,7 @@ def _read(
         mend = problem.mend if isinstance(problem, RefusalError) else {}
         raise RefusalError(f"{Path(source).name}: {problem}", **mend) from None
     if found.masked and len(found.masked) == len(made.masked.reasons):
-        return made._derive(masked=made.masked._replace(reasons=found.masked))
+        return made._with_changes(masked=made.masked._replace(reasons=found.masked))
     return made
 
 

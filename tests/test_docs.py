@@ -272,6 +272,6 @@ def test_notebooks_are_stored_with_small_outputs_of_no_machine(page):
 
 def test_pages_that_messages_name_exist():
     text = "".join(path.read_text() for path in Path(dfc.__file__).parent.rglob("*.py"))
-    pages = set(re.findall(r'\bsee\("([^"]+)"\)', text))
+    pages = set(re.findall(r'\bpage_reference\("([^"]+)"\)', text))
     assert "howto/read_csv" in pages
     assert not [page for page in pages if not (ROOT / "docs" / f"{page}.md").exists()]

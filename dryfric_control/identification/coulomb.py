@@ -226,30 +226,16 @@ def identify_coulomb(
     held_out: dict[int, Floats] = {}
     fits: dict[int, crawl.Level] = {}
     for s, name in _WAYS.items():
-        own = pieces.select_pieces(pieces.direction == s)
-        blocks = crawl.blocks_of(own)
-        given = (own, s * force[pieces.direction == s], travel, blocks)
-        count = int(blocks.max()) + 1
-        if degree is None:
-            held_out[s], fits[s] = crawl.best_level(*given)
-        elif degree > count - 3:
-            raise ValueError(
-                f"degree = {degree} needs at least {degree + 3} slips in {name} direction, record "
-                f"has {count}: lower it, or crawl with a stiffer loop"
-            )
-        else:
-            fits[s] = crawl.level_of(*given, int(degree))
+        own, force_there = pieces.direction == s, s * force[pieces.direction == s]
+        fits[s], errors = _fit_level(pieces.select_pieces(own), force_there, travel, degree, name)
+        if errors is not None:
+            held_out[s] = errors
         # An error of viscous coefficient or mass is one of the level wherever the axis moves.
-        terms, place = np.column_stack([own.v, own.rise]), crawl.inner(own.x, travel)
+        terms = np.column_stack([pieces.v[own], pieces.rise[own]])
+        place = crawl.inner(pieces.x[own], travel)
         degree_found = fits[s].coefficients.size - 1
-        shares = legendre.legfit(place, terms, degree_found, w=np.sqrt(own.way))
+        shares = legendre.legfit(place, terms, degree_found, w=np.sqrt(pieces.way[own]))
         fits[s] = replace(fits[s], shared=shares @ unsure @ shares.T)
-        if count < _ENOUGH:
-            warn(
-                f"the level in {name} direction rests on {count} slips: a stiffer or faster loop "
-                "makes more and smaller ones",
-                FitWarning,
-            )
     found = [Legendre(fits[s].coefficients, travel).convert(kind=Polynomial) for s in _WAYS]
     plus, minus = (tuple(one.coef.tolist()) for one in found)
     units = record.units.get("x", "m"), record.units.get("u", "N")
@@ -268,6 +254,30 @@ def identify_coulomb(
     if warning := result._negative_level():
         warn(warning, FitWarning)
     return result
+
+
+def _fit_level(
+    own: crawl.Pieces, force: Floats, travel: tuple[float, float], degree: int | None, name: str
+) -> tuple[crawl.Level, Floats | None]:
+    """Level of one direction, and its held-out errors by degree where that is looked for."""
+    blocks = crawl.blocks_of(own)
+    count, errors = int(blocks.max()) + 1, None
+    if degree is None:
+        errors, level = crawl.best_level(own, force, travel, blocks)
+    elif degree > count - 3:
+        raise ValueError(
+            f"degree = {degree} needs at least {degree + 3} slips in {name} direction, record "
+            f"has {count}: lower it, or crawl with a stiffer loop"
+        )
+    else:
+        level = crawl.level_of(own, force, travel, blocks, int(degree))
+    if count < _ENOUGH:
+        warn(
+            f"the level in {name} direction rests on {count} slips: a stiffer or faster loop "
+            "makes more and smaller ones",
+            FitWarning,
+        )
+    return level, errors
 
 
 def _tell(pieces: crawl.Pieces, record: Record, what: str) -> None:

@@ -911,6 +911,28 @@ def _usual_speed(axis: FrictionAxis, inner: Inner) -> float:
     return max(axis.stick_speed, 2.0 * level / math.sqrt(inner.contact * axis.mass))
 
 
+def _history_length(axis: FrictionAxis, inner: Inner, dt: float) -> int:
+    """Inputs that the delay line of an axis holds."""
+    if inner.delay > MOST_SAMPLES * dt:
+        late = next(name for name, e in named(axis).items() if e.action == "delay")
+        raise ValueError(
+            f"{late}.delay = {inner.delay:g} s is {inner.delay / dt:.3g} samples of dt = {dt:g} s: "
+            "check the units of delay and dt"
+        )
+    return int(np.ceil(inner.delay / dt)) + 2 if inner.delay > 0.0 else 0
+
+
+def _structure_flags(inner: Inner, behind: bool) -> int:
+    """Flags of the inner states of an axis; `behind`: a transmission is before the load."""
+    return (
+        axis_step.CONTACT * (inner.contact > 0.0)
+        | axis_step.PLAY * (inner.half_gap > 0.0)
+        | axis_step.SPRING * (inner.stiffness > 0.0)
+        | axis_step.ON_LOAD * (behind and inner.on_load > 0.0)
+        | axis_step.MOTOR_RUBS * (inner.motor_rubs > 0.0)
+    )
+
+
 @functools.lru_cache(maxsize=1024)
 def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
     axis = axis.effective()
@@ -953,20 +975,7 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
         *axis.coulomb.plus,
         *axis.coulomb.minus,
     ]
-    if inner.delay > MOST_SAMPLES * dt:
-        late = next(name for name, e in named(axis).items() if e.action == "delay")
-        raise ValueError(
-            f"{late}.delay = {inner.delay:g} s is {inner.delay / dt:.3g} samples of dt = {dt:g} s: "
-            "check the units of delay and dt"
-        )
-    history = int(np.ceil(inner.delay / dt)) + 2 if inner.delay > 0.0 else 0
-    structure = (
-        axis_step.CONTACT * (inner.contact > 0.0)
-        | axis_step.PLAY * (inner.half_gap > 0.0)
-        | axis_step.SPRING * (inner.stiffness > 0.0)
-        | axis_step.ON_LOAD * (behind and inner.on_load > 0.0)
-        | axis_step.MOTOR_RUBS * (inner.motor_rubs > 0.0)
-    )
+    history, structure = _history_length(axis, inner, dt), _structure_flags(inner, behind)
     tasks = [0, 0]  # addresses
     if moved:
         rigid = axis_step.rigid_task().address

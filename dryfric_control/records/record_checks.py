@@ -94,6 +94,27 @@ def vector(name: str, value: Any, gaps: bool = False) -> Floats:
         array = np.asarray(value)
     except ValueError as err:
         raise ValueError(f"{name} is no array of numbers (rows of unequal length?)") from err
+    _require_numbers(name, array)
+    with np.errstate(over="ignore"):  # beyond float64 becomes inf, told below
+        out = np.array(array, dtype=np.float64)
+    bad = ~np.isfinite(out)
+    if gaps and not bad.all():
+        out[bad] = np.nan
+    elif bad.any():
+        k = int(np.argmax(bad))
+        raise ValueError(
+            f"{name} has {int(bad.sum())} values that are not finite, the first {name}[{k}] = "
+            f"{out[k]}; remove these samples, or bridge and mask them by "
+            "Record.from_irregular(...) or read_record(..., dt=...)"
+        )
+    k = int(np.nanargmax(np.abs(out)))
+    if abs(out[k]) > _MAX_MAGNITUDE:
+        raise ValueError(f"{name}[{k}] = {out[k]:g} is no physical value; check the column")
+    return out
+
+
+def _require_numbers(name: str, array: np.ndarray) -> None:
+    """Refuse what is no vector of numbers that float64 can hold."""
     mend = {
         "b": "holds true and false, not numbers; the wrong column? If meant, .astype(float)",
         "c": "is complex; pass its real part",
@@ -115,22 +136,6 @@ def vector(name: str, value: Any, gaps: bool = False) -> Floats:
             f"{name} holds whole numbers beyond 2^53, such as {array[0]}, which float64 cannot "
             f"tell apart; pass {name} - {name}[0]"
         )
-    with np.errstate(over="ignore"):  # beyond float64 becomes inf, told below
-        out = np.array(array, dtype=np.float64)
-    bad = ~np.isfinite(out)
-    if gaps and not bad.all():
-        out[bad] = np.nan
-    elif bad.any():
-        k = int(np.argmax(bad))
-        raise ValueError(
-            f"{name} has {int(bad.sum())} values that are not finite, the first {name}[{k}] = "
-            f"{out[k]}; remove these samples, or bridge and mask them by "
-            "Record.from_irregular(...) or read_record(..., dt=...)"
-        )
-    k = int(np.nanargmax(np.abs(out)))
-    if abs(out[k]) > _MAX_MAGNITUDE:
-        raise ValueError(f"{name}[{k}] = {out[k]:g} is no physical value; check the column")
-    return out
 
 
 def vectors(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from dryfric_control.arrays import Floats
+from dryfric_control.arrays import Bools, Floats
 from dryfric_control.records.readers.channels import Channels
 from dryfric_control.records.staircase import find_staircase
 from dryfric_control.units import si_unit
@@ -79,15 +80,7 @@ def on_position_clock(found: Channels, hold: str, needed: tuple[str, ...] = ()) 
     unit = found.units.get("t", "") or "s"
     factor = si_unit("t", unit)[0]
     must = [role for role in read if role in ("u", *needed)]
-    start = max((read[role].stamps[0] for role in must), default=clock[0])
-    end = min((read[role].stamps[-1] + read[role].step for role in must), default=clock[-1])
-    slack = 1e-6 * read[base].step  # stamps that were written with few digits
-    inside = (clock >= start - slack) & (clock <= end + slack)
-    if inside.sum() < 2:
-        raise ValueError(
-            f"{found.where}: {base} was read from {clock[0]:.6g} to {clock[-1]:.6g} {unit}, the "
-            f"other channels from {start:.6g} to {end:.6g} {unit}: they have no time in common"
-        )
+    inside = _covered_stamps(read, base, must, f"{found.where}: {base}", unit)
     grid = clock[inside]
     values: dict[str, Any] = {"t": grid}
     notes = []
@@ -101,6 +94,23 @@ def on_position_clock(found: Channels, hold: str, needed: tuple[str, ...] = ()) 
     if lost := int((~inside).sum()):
         notes.append(f"{lost} readings of {base} left out: before or after the other channels")
     return replace(found, values=values, clocks={}, notes=(*found.notes, *notes))
+
+
+def _covered_stamps(
+    read: Mapping[str, _Readings], base: str, must: list[str], what: str, unit: str
+) -> Bools:
+    """Stamps of a channel within the time that all channels in `must` cover."""
+    clock = read[base].stamps
+    start = max((read[role].stamps[0] for role in must), default=clock[0])
+    end = min((read[role].stamps[-1] + read[role].step for role in must), default=clock[-1])
+    slack = 1e-6 * read[base].step  # stamps that were written with few digits
+    inside = (clock >= start - slack) & (clock <= end + slack)
+    if inside.sum() < 2:
+        raise ValueError(
+            f"{what} was read from {clock[0]:.6g} to {clock[-1]:.6g} {unit}, the "
+            f"other channels from {start:.6g} to {end:.6g} {unit}: they have no time in common"
+        )
+    return np.asarray(inside)
 
 
 def _first_stamp(clocks: Any) -> int | float:

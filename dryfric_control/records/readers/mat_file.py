@@ -143,19 +143,25 @@ def _matrix(payload: memoryview, order: str, depth: int) -> tuple[str, Any]:
         if math.prod(shape) != 1 or depth == _DEPTH:
             return name, None
         width = int(numbers()[:1].sum())
-        text = numbers().tobytes()
-        if not 0 < width <= len(text):
-            return name, None
-        keys = [text[k : k + width] for k in range(0, len(text), width)]
-        fields = {
-            key.split(b"\0")[0].decode("latin-1"): _matrix(content, order, depth + 1)[1]
-            for key, (inner, content) in zip(keys, parts, strict=False)
-            if inner == _MATRIX
-        }
-        return name, {key: value for key, value in fields.items() if value is not None}
+        return name, _struct_fields(parts, numbers().tobytes(), width, order, depth)
     value = numbers()
     if is_complex:  # which no channel is
         value = value.astype(np.complex128)
     if value.size != math.prod(shape):
         raise ValueError(f"variable {name[:40]!r} has {value.size} numbers for shape {shape}")
     return name, value.reshape(shape, order="F")
+
+
+def _struct_fields(
+    parts: Iterator[tuple[int, memoryview]], text: bytes, width: int, order: str, depth: int
+) -> dict[str, Any] | None:
+    """Values of the fields of a struct, whose names are `width` bytes of `text` each."""
+    if not 0 < width <= len(text):
+        return None
+    keys = [text[k : k + width] for k in range(0, len(text), width)]
+    fields = {
+        key.split(b"\0")[0].decode("latin-1"): _matrix(content, order, depth + 1)[1]
+        for key, (inner, content) in zip(keys, parts, strict=False)
+        if inner == _MATRIX
+    }
+    return {key: value for key, value in fields.items() if value is not None}

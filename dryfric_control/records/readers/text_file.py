@@ -103,24 +103,7 @@ class _Text:
 def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
     """Chosen columns of a text file."""
     text = _Text(path, wanted)
-    parts: list[list[_Array]] = []
-    above = rows = 0
-    content = _content_lines(text)
-    chunk = list(itertools.islice(content, _CHUNK))
-    while chunk:
-        following = list(itertools.islice(content, _CHUNK))
-        if not text.headings:
-            above = _lay_out(text, chunk)
-            chunk = chunk[above:]
-        if not following and (why := _cut_off(text, chunk)):
-            warn(f"{text.name}: row {chunk[-1][0]}, the last, {why}: cut off, and left out")
-            chunk = chunk[:-1]
-        rows += len(chunk)
-        if rows > wanted.max_rows:
-            raise ValueError(too_long(text.name, wanted.max_rows))
-        if chunk:
-            parts.append(_parse(text, chunk))
-        chunk = following
+    parts, above = _parse_chunks(text)
     if not text.headings:
         raise ValueError(f"{text.name} holds no data, only blank or comment lines")
     if not parts:
@@ -148,6 +131,29 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
         lines, were = ("line", "was") if above == 2 else ("lines", "were")
         notes = (f"{above - 1} {lines} above the heading {were} skipped", *notes)
     return replace(start, notes=notes)
+
+
+def _parse_chunks(text: _Text) -> tuple[list[list[_Array]], int]:
+    """Columns of each part of a file, and the number of lines above its numbers."""
+    parts: list[list[_Array]] = []
+    above = rows = 0
+    content = _content_lines(text)
+    chunk = list(itertools.islice(content, _CHUNK))
+    while chunk:
+        following = list(itertools.islice(content, _CHUNK))
+        if not text.headings:
+            above = _lay_out(text, chunk)
+            chunk = chunk[above:]
+        if not following and (why := _cut_off(text, chunk)):
+            warn(f"{text.name}: row {chunk[-1][0]}, the last, {why}: cut off, and left out")
+            chunk = chunk[:-1]
+        rows += len(chunk)
+        if rows > text.wanted.max_rows:
+            raise ValueError(too_long(text.name, text.wanted.max_rows))
+        if chunk:
+            parts.append(_parse(text, chunk))
+        chunk = following
+    return parts, above
 
 
 def _separate_clocks(

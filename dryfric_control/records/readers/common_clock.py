@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -36,9 +36,7 @@ def with_own_clocks(found: Channels, hold: str) -> Channels:
     """Channels of a table that joins several rates, each with the stamps of its own rows."""
     t = np.asarray(found.values.get("t", ()))
     arrays = {role: np.asarray(found.values[role]) for role in found.values if role != "t"}
-    if found.clocks or t.dtype.kind not in "iuf" or t.ndim != 1:
-        return found
-    if any(one.shape != t.shape or one.dtype.kind not in "iuf" for one in arrays.values()):
+    if found.clocks or not _is_table(t, arrays.values()):
         return found
     there = {role: np.isfinite(arrays[role]) for role in arrays}
     sparse = [role for role in ("u", "x") if role in there and there[role].mean() < 1.0 - SPARSE]
@@ -55,6 +53,13 @@ def with_own_clocks(found: Channels, hold: str) -> Channels:
     if not clocks:
         return found
     return replace(found, values=arrays, clocks=clocks)
+
+
+def _is_table(t: Any, columns: Iterable[Any]) -> bool:
+    """Whether stamps and columns are numbers, as many of each."""
+    if t.dtype.kind not in "iuf" or t.ndim != 1:
+        return False
+    return all(one.shape == t.shape and one.dtype.kind in "iuf" for one in columns)
 
 
 def on_position_clock(found: Channels, hold: str, needed: tuple[str, ...] = ()) -> Channels:

@@ -351,13 +351,8 @@ def _with_headings(text: _Text, chunk: _Lines, rows: list[list[str]], first: int
     width = len(last[0])
     whole = (k for k in range(first, len(rows)) if len(rows[k]) == width)
     start = next((k for k in whole if any(map(_is_number, rows[k]))), len(rows))
-    for k in range(first, start if start < len(rows) else first):
-        row = rows[k]
-        if len(row) > 1 and any(row) and all(_is_number(c) or not c for c in row):
-            raise ValueError(
-                f"{text.name}: row {chunk[k][0]} has {len(row)} columns, row {chunk[start][0]} "
-                f"has {width}"
-            )
+    if start < len(rows):
+        _refuse_other_widths(text, chunk, rows, range(first, start), width)
     if start == len(rows):  # a heading alone, or rows that are told later
         start = min(first + 1, len(rows))
     above = [line for _, line in chunk[first:start]]
@@ -371,6 +366,19 @@ def _with_headings(text: _Text, chunk: _Lines, rows: list[list[str]], first: int
     return start
 
 
+def _refuse_other_widths(
+    text: _Text, chunk: _Lines, rows: list[list[str]], above: range, width: int
+) -> None:
+    """Refuse rows of numbers above the first row that has the width of the last ones."""
+    for k in above:
+        row = rows[k]
+        if len(row) > 1 and any(row) and all(_is_number(c) or not c for c in row):
+            raise ValueError(
+                f"{text.name}: row {chunk[k][0]} has {len(row)} columns, row "
+                f"{chunk[above.stop][0]} has {width}"
+            )
+
+
 def _tell_of_no_headings(text: _Text, line: str, width: int) -> None:
     """What stands above the numbers, where it does not name each column once."""
     names = [c for c in _cells(line, text.delimiter) if c and not _is_number(c)]
@@ -382,8 +390,8 @@ def _tell_of_no_headings(text: _Text, line: str, width: int) -> None:
     if len(names) > 1 and not text.wanted.columns:
         warn(
             f"{text.name}: the line above the numbers, {_decode_latin(line.strip())[:60]!r}, does "
-            f"not name each of the {width} columns: it is passed over, units too. Say what they are, "
-            'columns={"t": 0, "u": 1, "x": 2} and units={"x": "..."}'
+            f"not name each of the {width} columns: it is passed over, units too. Say what they "
+            'are, columns={"t": 0, "u": 1, "x": 2} and units={"x": "..."}'
         )
 
 

@@ -220,7 +220,7 @@ def peak(count: int) -> None:
 def main() -> None:
     """Print every table, or those asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("tables", nargs="*", metavar="TABLE", help="of singles, pairs, triples, peak")
+    parser.add_argument("tables", nargs="*", metavar="TABLE", help="singles pairs triples peak")
     parser.add_argument("--seeds", type=int, default=4, help="cases of each combination")
     parser.add_argument("--triples", type=int, default=2000, help="number of triples, at random")
     parser.add_argument("--shown", type=int, default=30, help="cases listed")

@@ -268,6 +268,7 @@ class FrictionAxis:
             Whether it is moved by them. If not, only forces and rates can be asked for, and what
             moves an axis, which takes longest to compile, is left out.
         """
+        instance("moved", moved, bool)
         return _arrays(self, positive("dt", dt, unit="s"), moved)
 
     def breakaway(self, x: ArrayLike, direction: int) -> Floats:

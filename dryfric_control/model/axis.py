@@ -268,7 +268,8 @@ class FrictionAxis:
             Whether it is moved by them. If not, only forces and rates can be asked for, and what
             moves an axis, which takes longest to compile, is left out.
         """
-        instance("moved", moved, bool)
+        if not isinstance(moved, bool):
+            raise ValueError(f"moved must be True or False, got {moved!r}")
         return _arrays(self, positive("dt", dt, unit="s"), moved)
 
     def breakaway(self, x: ArrayLike, direction: int) -> Floats:

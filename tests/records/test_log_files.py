@@ -1,6 +1,7 @@
 """Logs whose channels have clocks of their own: made by the libraries of the field, read on one clock."""
 
 import functools
+import gc
 import sys
 
 import damage
@@ -90,6 +91,23 @@ def test_a_faster_input_is_averaged_over_each_step(tmp_path):
 def test_a_whole_number_with_a_factor_is_what_it_stands_for(tmp_path):
     pytest.importorskip("asammdf")
     check(dfc.read_record(logs.mdf(tmp_path, "3.30")), u=np.round(logs.HELD, 2))
+
+
+def test_a_measurement_file_that_breaks_off_is_refused_without_a_word_on_the_console(tmp_path):
+    pytest.importorskip("asammdf")
+    path = logs.mdf(tmp_path)
+    content, found = path.read_bytes(), []
+    hook, sys.unraisablehook = sys.unraisablehook, found.append
+    try:
+        # Within its head, and within the list of its blocks.
+        for part in (0.02, 0.2, 0.5):
+            path.write_bytes(content[: round(part * len(content))])
+            with pytest.raises(ValueError, match="MDF file"):
+                dfc.read_record(path)
+            gc.collect()
+    finally:
+        sys.unraisablehook = hook
+    assert found == []
 
 
 def test_counts_of_another_channel_are_never_interpolated(tmp_path):

@@ -22,7 +22,11 @@ class MdfFile(LogFile):
     modules = ("asammdf",)
 
     def _open(self, *libraries: Any) -> list[str]:
-        self._file = libraries[0].MDF(str(self.path))
+        try:
+            self._file = libraries[0].MDF(str(self.path))
+        except Exception as refused:
+            _leave_unclosed(refused)
+            raise
         count = Counter(
             channel.name for group in self._file.groups for channel in group.channels
         )  # fmt: skip
@@ -58,3 +62,16 @@ def _unit(channel: Any) -> str:
     conversion = getattr(channel, "conversion", None)
     unit = getattr(channel, "unit", "") or getattr(conversion, "unit", "") or ""
     return unit.decode("latin-1").strip(" \0") if isinstance(unit, bytes) else str(unit).strip()
+
+
+def _leave_unclosed(refused: Exception) -> None:
+    """Let files that could not be opened go without a word.
+
+    The library closes one as it is collected and, where it is half made, complains on the console.
+    """
+    step = refused.__traceback__
+    while step is not None:
+        file = step.tb_frame.f_locals.get("self")
+        if type(file).__name__.startswith("MDF") and hasattr(file, "close"):
+            file.close = lambda: None
+        step = step.tb_next

@@ -71,7 +71,7 @@ def _leave_unclosed(refused: Exception) -> None:
     """
     step = refused.__traceback__
     while step is not None:
-        file = step.tb_frame.f_locals.get("self")
+        file: Any = step.tb_frame.f_locals.get("self")
         if type(file).__name__.startswith("MDF") and hasattr(file, "close"):
             file.close = lambda: None
         step = step.tb_next

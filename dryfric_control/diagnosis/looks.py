@@ -277,8 +277,10 @@ class ProposalFits:
         """Where to begin with a shape with a memory, from a part of the records."""
         part, until = likelihood.on(self.problem.lively), self.problem.until
         starts = [grid_search(part, z, own, noises)]
-        # There the base takes up what the shape should, which may lead astray.
-        starts.append(force_continuation(part, starts[0], until=until))
+        if not self.problem.imposed:
+            # There the base takes up what the shape should, which may lead astray.  An imposed
+            # motion is followed by no filter, and costs as much at any random force.
+            starts.append(force_continuation(part, starts[0], until=until))
         fits = [
             fit_with_fixed_noises(part, with_noises(one, noises), until=until) for one in starts
         ]

@@ -59,6 +59,11 @@ _AS_OPTIONS = tuple(
         (r"give (dt|rate)= \[", r"give --\1 ["),
         (r'pass name="\.\.\."', "give --name"),
         (r"pass t \* \S+ or (units=\S+ \S+) to read_record", r"give \1"),
+        (r"dfc\.axis_from\(record\) makes another", "correct its file"),
+        (r"anyway=True goes on", "--anyway goes on"),
+        (r"read_record\(\.\.\., ((?:gain|units)=[^()]*)\)", r"\1"),
+        (r"\bgain=-1\b", "--gain -1"),
+        (r"\b(gain|units)=\.\.\.", r"--\1"),
         (r"gain=dfc\.Scaling\(\.\.\.\)", "the numbers of the machine (--help lists them)"),
         (r"with units=\('(.*?)', '(.*?)'\)", r'with units = ["\1", "\2"] in its file'),
         (r"""\b(columns|gain|units)=\{["'](\w+)["']: ["']?([^"'}]*)["']?\}""", r"--\1 \2=\3"),
@@ -264,6 +269,8 @@ _READING = (
      "values"),
     ("--time-limit", float, "S", "time after which the best answer so far is returned [s]"),
     ("--window", float, "S", "length of the free runs [s], 0.25 by default"),
+    ("--anyway", None, None, "go on where a record certainly has a wrong unit or sign",
+     {"default": None}),
     ("--quiet", None, None, "no progress bar"),
 )  # fmt: skip
 
@@ -306,7 +313,7 @@ def _read_options(
     scaling = Scaling() if file is None else Scaling.from_file(file)
     scaling = replace(scaling, **_given_options(chosen, *(item.name for item in fields(Scaling))))
     knowledge = {} if file is None else read_knowledge(file)
-    knowledge |= _given_options(chosen, "known", "tolerance", "time_limit", "window")
+    knowledge |= _given_options(chosen, "known", "tolerance", "time_limit", "window", "anyway")
     checked_knowledge(knowledge.get("known", ()), knowledge.get("tolerance"))
     for name in ("time_limit", "window"):
         if name in knowledge:

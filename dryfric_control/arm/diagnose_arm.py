@@ -77,6 +77,7 @@ def diagnose_arm(
     window: float | None = None,
     hold: str = "zero",
     progress: bool = True,
+    anyway: bool = False,
     **options: Any,
 ) -> ArmDiagnoses:
     """Diagnose an arm: the masses of its model, and its joints.
@@ -88,7 +89,7 @@ def diagnose_arm(
     known : sequence of str, optional
         Parameters of the joints whose nominal values are right; "model" for the masses of the
         model.
-    tolerance, store, jobs, time_limit, window, hold, progress
+    tolerance, store, jobs, time_limit, window, hold, progress, anyway
         As for `diagnose_joints`.
     **options
         All further arguments of `arm_records`.
@@ -147,6 +148,7 @@ def diagnose_arm(
         store=store,
         jobs=jobs,
         progress=progress,
+        anyway=anyway,
     )
     return ArmDiagnoses(
         found.diagnoses, found.failed, model_errors=errors, nominal=nominal, corrected=corrected

@@ -51,7 +51,11 @@ from dryfric_control.diagnosis.thresholds import (
 from dryfric_control.diagnosis.verdict import Judged, judge_fit, shows
 from dryfric_control.estimation.likelihood import prepare
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge
-from dryfric_control.estimation.plausibility import checked_records, warn_if_implausible
+from dryfric_control.estimation.plausibility import (
+    check_plausible,
+    checked_records,
+    refuse_implausible,
+)
 from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FINAL_ITERATIONS, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut, shifted
@@ -115,6 +119,7 @@ def diagnose(
     jobs: int = 2,
     progress: bool | None = None,
     on_update: Callable[[str, tuple[str, ...]], None] | None = None,
+    anyway: bool = False,
 ) -> Diagnosis:
     """Find where simulation and measurement differ, and why.
 
@@ -145,6 +150,8 @@ def diagnose(
         steps go to the log "dryfric_control".
     on_update : callable, optional
         Called with the name of each step and the causes found so far.
+    anyway : bool, optional
+        Whether to go on, with a warning, where a record certainly has a wrong unit or sign.
 
     Returns
     -------
@@ -154,7 +161,15 @@ def diagnose(
     ------
     ValueError
         If an argument is of the wrong kind, or a record is too short to fit
-        on one part and judge on another, or the axis does not move in it.
+        on one part and judge on another, or the axis does not move in it; or if
+        the drive certainly has the wrong sign, or mass and friction differ from
+        those of the axis as only a wrong unit can make them, by more than a
+        factor of 100.
+
+    Warns
+    -----
+    RecordWarning
+        When a unit or a sign seems wrong.
 
     Notes
     -----
@@ -211,6 +226,7 @@ def diagnose(
     for i, one in enumerate(records):
         name = f"record[{i}]" if several else "record"
         windows.append(_cut(axis, one, window, hold, name, MIN_WINDOWS // len(records)))
+        check_plausible(axis, one, name, anyway=anyway)
     _check_motion(windows, several)
     with ProgressLine("diagnose", progress) as line:
 
@@ -619,7 +635,6 @@ def _cut(
     """Windows of a record; ValueError if it cannot be diagnosed."""
     windows = cut(record, window, hold)
     check_units(axis, record, name)
-    warn_if_implausible(axis, record)
     if len(windows) < least:
         raise ValueError(
             f"{name} lasts {record.duration:.3g} s, which is {len(windows)} windows of "
@@ -659,6 +674,7 @@ def diagnose_batch(
     store: str | os.PathLike[str] | None = None,
     jobs: int | None = None,
     progress: bool = True,
+    anyway: bool = False,
 ) -> dict[Any, dict[str, Any]]:
     """Diagnose many records of one axis, resumable.
 
@@ -679,6 +695,8 @@ def diagnose_batch(
         of `joblib.parallel_config`, else one.
     progress : bool, optional
         Whether to show a progress bar.
+    anyway : bool, optional
+        Whether to go on where a record certainly has a wrong unit or sign, see `diagnose`.
 
     Returns
     -------
@@ -721,7 +739,7 @@ def diagnose_batch(
         instance(f"records[{name!r}]", record, Record, "see dfc.read_record")
         cases[name] = axis, (record,)
     found = run_cases(
-        functools.partial(_diagnose_case, window, hold),
+        functools.partial(_diagnose_case, window, hold, anyway),
         "records",
         cases,
         window=window,
@@ -730,6 +748,7 @@ def diagnose_batch(
         store=store,
         jobs=jobs,
         progress=progress,
+        anyway=anyway,
     )
     return {name: failure_entry(one) or one for name, one in found.items()}
 
@@ -754,6 +773,7 @@ def run_cases(
     store: str | os.PathLike[str] | None,
     jobs: int | None,
     progress: bool,
+    anyway: bool,
     own: Callable[[FrictionAxis], tuple[str, ...]] = lambda axis: (),
 ) -> dict[Any, Any]:
     """Run a diagnosis over axes with their records, each checked before any work.
@@ -768,6 +788,8 @@ def run_cases(
             for record in records:
                 check_units(axis, record, f"{label}[{name!r}]")
                 cut(record, _window(axis, records) if window is None else window, hold)
+                if not anyway:  # else said by the diagnosis itself
+                    refuse_implausible(axis, record, f"{label}[{name!r}]")
         except ValueError as problem:
             problem.add_note(f"in {label}[{name!r}]")
             results[name] = problem
@@ -794,8 +816,12 @@ def run_cases(
 
 
 def _diagnose_case(
-    window: float | None, hold: str, case: tuple[FrictionAxis, tuple[Record, ...]]
+    window: float | None,
+    hold: str,
+    anyway: bool,
+    case: tuple[FrictionAxis, tuple[Record, ...]],
 ) -> dict[str, Any]:
     axis, (record,) = case
     # Records already run in parallel.
-    return diagnose(axis, record, window=window, hold=hold, jobs=1, progress=False).to_dict()
+    options: dict[str, Any] = {"window": window, "hold": hold, "anyway": anyway}
+    return diagnose(axis, record, jobs=1, progress=False, **options).to_dict()

@@ -123,6 +123,7 @@ def diagnose_joints(
     store: str | os.PathLike[str] | None = None,
     jobs: int | None = None,
     progress: bool = True,
+    anyway: bool = False,
 ) -> JointDiagnoses:
     """Diagnose the joints of a machine, in parallel and resumable.
 
@@ -139,6 +140,9 @@ def diagnose_joints(
         `joblib.parallel_config`, else one.
     progress : bool, optional
         Whether to show a progress bar.
+    anyway : bool, optional
+        Whether to go on where a record certainly has a wrong unit or sign, see `diagnose`; else its
+        joint is in `failed`.
 
     Returns
     -------
@@ -191,8 +195,8 @@ def diagnose_joints(
         cases[name] = pair[0], checked_records(pair[1], f"joints[{name!r}][1]")
     options = {"known": list(known), "tolerance": dict(tolerance), "time_limit": time_limit}
     free_runs: dict[str, Any] = {"window": window, "hold": hold}
-    task = functools.partial(_diagnose_joint, options | free_runs)
-    run = free_runs | {"store": store, "jobs": jobs, "progress": progress}
+    task = functools.partial(_diagnose_joint, options | free_runs | {"anyway": anyway})
+    run = free_runs | {"store": store, "jobs": jobs, "progress": progress, "anyway": anyway}
     run["settings"] = {"task": "diagnose joints", **options}
     found = run_cases(task, "joints", cases, **run, own=lambda axis: (fingerprint(axis),))
     failed = {

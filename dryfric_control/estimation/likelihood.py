@@ -31,7 +31,7 @@ from dryfric_control.estimation.parameters import (
     values_of,
     with_values,
 )
-from dryfric_control.estimation.plausibility import stiffness
+from dryfric_control.estimation.stiffness import stiffness
 from dryfric_control.estimation.windows import shifted
 from dryfric_control.model.axis import FrictionAxis, check_pace, inverse_masses
 from dryfric_control.model.effects.effect import Inner

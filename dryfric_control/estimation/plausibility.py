@@ -1,18 +1,22 @@
-"""Plausibility of a record for an axis: units, signs, columns, stiffness."""
+"""Plausibility of a record for an axis: units, signs, columns."""
 
 from __future__ import annotations
 
+import math
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dryfric_control.checks import warn
-from dryfric_control.model.axis import FrictionAxis, elastic_rates
+from dryfric_control.estimation.drive_regression import DriveRegression
+from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.data_check import energy_message, speed_message
+from dryfric_control.records.motion import usual_speeds
 from dryfric_control.records.read import as_record
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_warning import RecordWarning
+from dryfric_control.text import page_reference, rotary_words
 
 # Excursion beyond the travel, as a fraction of its length, that cannot be an overshoot.
 _MAX_OVERSHOOT = 0.25
@@ -21,28 +25,74 @@ _MIN_DRIVE_RATIO = 0.5
 # Ratio of the force that the motion needs, exceeded in 5 % of the samples, to the largest drive
 # beyond which no mass, however wrong, but a unit is off.
 _MAX_FORCE_RATIO = 30.0
-# Natural frequency of a contact times the sampling time [rad] beyond which it is too stiff: a
-# sample takes dozens of steps. How far it yields shows beyond the frequency of the samples, too.
-_MAX_CONTACT_FREQUENCY = 30.0
-# The same of a damped transmission: how that swings does not show beyond this frequency.
-_MAX_TRANSMISSION_FREQUENCY = 4.0
+# Ratio of the mass that the drive shows to that of the axis beyond which a unit is wrong, not the
+# model; the same of the Coulomb level, and the relative standard error up to which they count.
+_UNIT_RATIO = 100.0
+_SURE = 0.1
+# Ratio of a value to that of the axis within which it is the same, and to a factor of ten that a
+# prefix makes, within which it is that prefix.
+_ALIKE = 10.0
+_NEAR = 5.0
+# Velocity, exceeded in 5 % of the motion, that no axis reaches [m/s].
+_IMPOSSIBLE = 1000.0
+# Units by the factor on a channel that was taken for the SI unit.
+_PREFIXED = {
+    "m": {1e3: "mm", 1e6: "um"},
+    "rad": {1e3: "mrad", 1e6: "urad"},
+    "N": {1e-3: "kN", 1e3: "mN"},
+    "N m": {1e-3: "kN m", 1e3: "mN m"},
+    "s": {1e3: "ms", 1e6: "us"},
+}
 
 
-def stiffness(axis: FrictionAxis, dt: float) -> float:
-    """Rate of the elastic parts over the fastest that samples show; 0 without such parts."""
-    rates = elastic_rates(axis, dt)
-    turn = rates["transmission"] + rates["damping"]
-    return max(rates["contact"] / _MAX_CONTACT_FREQUENCY, turn / _MAX_TRANSMISSION_FREQUENCY) * dt
+class Doubt(NamedTuple):
+    """What speaks against a record; `proof`: the same with its mend where it is certain."""
+
+    message: str
+    proof: str = ""
 
 
 def warn_if_implausible(axis: FrictionAxis, record: Record) -> None:
     """RecordWarning about wrong units, reversed sign or swapped columns.
 
-    Positions lie far outside the travel, or the drive extracts energy from the machine or is too
-    weak for the friction of the axis or for its acceleration.
+    Positions lie far outside the travel, or the drive extracts energy from the machine, is too weak
+    for the friction of the axis or for its acceleration, or shows another mass by orders.
     """
-    for message in doubts(axis, record):
-        warn(message, RecordWarning)
+    for doubt in doubts(axis, record):
+        warn(doubt.message, RecordWarning)
+
+
+def check_plausible(
+    axis: FrictionAxis,
+    record: Record,
+    name: str = "record",
+    *,
+    anyway: bool = False,
+    gain_free: bool = False,
+) -> None:
+    """`warn_if_implausible`, but ValueError with what to type where a doubt is certain.
+
+    Told to go on `anyway`, it only warns; `gain_free`: whether the gain of the drive is looked for.
+    """
+    found = doubts(axis, record, gain_free)
+    if not anyway:
+        _refuse(found, name)
+    for doubt in found:
+        warn(doubt.message, RecordWarning)
+
+
+def refuse_implausible(axis: FrictionAxis, record: Record, name: str = "record") -> None:
+    """ValueError with what to type where a wrong unit or a reversed sign is certain."""
+    _refuse(doubts(axis, record), name)
+
+
+def _refuse(found: list[Doubt], name: str) -> None:
+    certain = [doubt.proof for doubt in found if doubt.proof]
+    if certain:
+        raise ValueError(
+            f"{name}: {'; '.join(certain)}; anyway=True goes on with it as it is"
+            + page_reference("troubleshooting")
+        )
 
 
 def checked_records(records: Any, name: str = "record") -> tuple[Record, ...]:
@@ -66,42 +116,127 @@ def checked_records(records: Any, name: str = "record") -> tuple[Record, ...]:
     return found
 
 
-def doubts(axis: FrictionAxis, record: Record) -> list[str]:
-    """What speaks against units, sign and columns of a record, if it is one of this axis."""
+def doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -> list[Doubt]:
+    """What speaks against units, sign and columns of a record, if it is one of this axis.
+
+    Certain is what the regression of the drive on the motion confirms, and a velocity that no axis
+    reaches; the rest may be a wrong model.
+    """
+    axis = axis.effective()
     found = []
     low, high = float(record.x.min()), float(record.x.max())
     length, force = axis.units
     if axis.travel is not None:
         room = _MAX_OVERSHOOT * (axis.travel[1] - axis.travel[0])
         if low < axis.travel[0] - room or high > axis.travel[1] + room:
-            found.append(
+            found.append(Doubt(
                 f"positions run from {low:.4g} to {high:.4g} {length}, the axis' travel is "
                 f"{axis.travel[0]:.4g} to {axis.travel[1]:.4g} {length}: is x in another unit, "
                 'such as mm (then read_record(..., units={"x": "mm"})), or counted from elsewhere?'
-            )
+            ))  # fmt: skip
     strongest = float(np.abs(record.u).max())
     if strongest == 0.0:
         return found  # something else moves it: nothing is known of the drive
+    shown = _shown(record)
     energy = energy_message(record, axis.units)
     if energy:
-        found.append(energy)
-    places = np.linspace(low, high, 33)
+        found.append(Doubt(energy, _wrong_sign(axis, shown)))
+    scaled = gain_free or any(effect.slug == "input_gain" for effect in axis.effects)
+    unit = "" if scaled else _wrong_unit(axis, record, shown)
+    if unit:
+        found.append(Doubt(unit, unit))
+    elif weak := _weak_drive(axis, record, strongest, scaled):
+        found.append(Doubt(weak))
+    if not (found or scaled) and axis.units[0] == "m" and (fast := speed_message(record)):
+        impossible = usual_speeds(record.derivatives().v)[1] > _IMPOSSIBLE
+        found.append(Doubt(fast, fast * impossible))
+    return found
+
+
+def _weak_drive(axis: FrictionAxis, record: Record, strongest: float, scaled: bool) -> str:
+    """What to say of a drive that is too weak for friction or acceleration; empty if it is not."""
+    force = axis.units[1]
+    places = np.linspace(float(record.x.min()), float(record.x.max()), 33)
     least = min(float(axis.coulomb(places, s).min()) for s in (1, -1))
-    motion = record.derivatives()
-    inertial = np.abs(axis.mass * motion.a + axis.viscous * motion.v)
-    needed = float(np.quantile(inertial, 0.95))
-    scaled = any(effect.slug == "input_gain" for effect in axis.effects)
     if not axis.effects and strongest < _MIN_DRIVE_RATIO * least:
-        found.append(
+        return (
             f"the drive is at most {strongest:.3g} {force} and moves an axis whose Coulomb level "
             f"is at least {least:.3g} {force}: is u in another unit, such as V or kN (gain=...)?"
         )
-    elif not scaled and needed > _MAX_FORCE_RATIO * strongest:
-        found.append(
+    motion = record.derivatives()
+    needed = float(np.quantile(np.abs(axis.mass * motion.a + axis.viscous * motion.v), 0.95))
+    if not scaled and needed > _MAX_FORCE_RATIO * strongest:
+        return (
             f"the motion needs about {needed:.3g} {force} for the mass and viscous friction of the "
             f"axis, the drive is at most {strongest:.3g} {force}: is x in another unit, such as mm "
             '(then read_record(..., units={"x": "mm"})), or u in another (gain=...)?'
         )
-    if not (found or scaled) and axis.units[0] == "m" and (fast := speed_message(record)):
-        found.append(fast)
-    return found
+    return ""
+
+
+def _shown(record: Record) -> DriveRegression | None:
+    """Mass and friction that the drive shows; None where the record slides too little."""
+    try:
+        return DriveRegression.of(record)
+    except ValueError:
+        return None
+
+
+def _wrong_sign(axis: FrictionAxis, shown: DriveRegression | None) -> str:
+    """What makes a reversed sign certain, and its mend; empty where it is not."""
+    if shown is None or not shown.opposed or shown.driving:
+        return ""
+    mass, level = shown.values[[0, 2]]
+    return rotary_words(
+        "the drive takes energy out of the machine and acts against acceleration and friction: by "
+        f"drive and motion the mass is {mass:.3g} {axis.unit('kg')} and the Coulomb level "
+        f"{level:.3g} {axis.units[1]}, as with the wrong sign. read_record(..., gain=-1) turns the "
+        "drive, gain={'x': -1.0} the position",
+        axis.units[1],
+    )
+
+
+def _wrong_unit(axis: FrictionAxis, record: Record, shown: DriveRegression | None) -> str:
+    """What to say of mass and friction that differ from the axis as only units can; empty if not.
+
+    A Coulomb level alone may differ so where nobody knew it, unless the mass does not show.
+    """
+    if shown is None:
+        return ""
+    ratios, here, there = {}, [], []
+    for name, i, value, unit in (
+        ("mass", 0, axis.mass, axis.unit("kg")),
+        ("Coulomb level", 2, axis.coulomb.mean, axis.units[1]),
+    ):
+        if value > 0.0 and shown.is_sure(i, _SURE):
+            ratios[name] = float(shown.values[i]) / value
+            here.append(f"the {name} is {shown.values[i]:.3g} {unit}")
+            there.append(f"{value:.3g} {unit}")
+    first = next(iter(ratios.values()), 1.0)
+    if 1.0 / _UNIT_RATIO < first < _UNIT_RATIO:
+        return ""
+    return rotary_words(
+        f"by drive and motion {' and '.join(here)}, in the axis {' and '.join(there)}: "
+        f"{_unit_mend(axis, record, first, ratios.get('Coulomb level', 1.0))}; where the axis is "
+        "wrong, dfc.axis_from(record) makes another",
+        axis.units[1],
+    )
+
+
+def _unit_mend(axis: FrictionAxis, record: Record, first: float, level: float) -> str:
+    """Which unit may be wrong, and what to type, by the ratios of mass and Coulomb level."""
+    length, force = axis.units
+    if 1.0 / _ALIKE < level < _ALIKE:
+        # Forces agree: accelerations are off, by x or by the square of t.
+        asked = [("x", length, 1.0 / first), ("t", "s", math.sqrt(first))]
+    elif 1.0 / _ALIKE < level / first < _ALIKE:
+        asked = [("u", force, first)]
+    else:
+        asked = []
+    for role, unit, factor in asked:
+        for known, name in _PREFIXED.get(unit, {}).items():
+            stated = record.raw if role == "t" else record.units
+            if role not in stated and 1.0 / _NEAR < factor / known < _NEAR:
+                mend = f'read_record(..., units={{"{role}": "{name}"}})'
+                return f"{role} seems to be in {name}, which {mend} converts"
+    return "a unit is wrong, which read_record(..., units=...) or gain=... mends"

@@ -7,30 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dryfric_control.arrays import Floats
 from dryfric_control.checks import warn
-from dryfric_control.estimation.smoothed_motion import SmoothedMotion, drive_at_the_mass
+from dryfric_control.estimation.drive_regression import DriveRegression
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.data_check import speed_message
 from dryfric_control.records.read import RecordLike, as_record
-from dryfric_control.records.record import Record
 from dryfric_control.result_table import Quantity, format_table
 from dryfric_control.text import Result, documented, page_reference, stated
 
-# Rounds of mass and of the smoothing that its noise asks for.
-_ROUNDS = 3
-# Samples of smoothed motion that are needed.
-_ENOUGH = 50
 # Ratio of standard error to value beyond which a parameter is not determined.
 _HARDLY = 0.5
 # Inertial force of a mass that is not determined, over the Coulomb level, at most.
 _FAINT = 0.1
-# Standard errors beyond which mass and friction are negative, and the drive has the wrong sign.
-_CLEAR = 3.0
-# Autocorrelation below which samples count as independent.
-_UNCORRELATED = 0.05
 _NAMES = ("mass", "viscous", "coulomb")
 
 
@@ -161,18 +151,18 @@ def force_regression(record: RecordLike) -> ForceRegression:
             f"the {turned} of the machine to gain=dfc.Scaling(...) as the file is read"
             + page_reference("howto/read_csv")
         )
-    motion = _motion(record)
-    values, errors, rms = _regression(record, motion)
+    found = DriveRegression.of(record)
     messages = []
-    if not errors[2] < _HARDLY * values[2]:
-        values, errors, rms = _regression(record, motion, viscous=False)
+    if not found.errors[2] < _HARDLY * found.values[2]:
+        found = found.without_viscous()
         messages.append(
             "viscous and coulomb are not told apart by this record, of nearly one velocity: the "
             "level has both, viscous is taken as 0"
         )
+    values, errors = found.values, found.errors
     parameters = dict(zip(_NAMES, values[:3].tolist(), strict=True))
     deviations = dict(zip(_NAMES, errors[:3].tolist(), strict=True))
-    if values[0] < -_CLEAR * errors[0] or values[2] < -_CLEAR * errors[2]:
+    if found.opposed:
         raise ValueError(
             "record: the drive acts against the acceleration and along friction, as with the wrong "
             "sign: read_record(..., gain=-1) turns the drive, gain={'x': -1.0} the position"
@@ -192,60 +182,17 @@ def force_regression(record: RecordLike) -> ForceRegression:
     mass = float(values[0])
     if not errors[0] < _HARDLY * mass:
         # One that hardly matters in this motion.
-        mass = _FAINT * level / max(float(np.abs(motion.a).max()), 1e-300)
+        mass = _FAINT * level / max(float(np.abs(found.motion.a).max()), 1e-300)
     units = (record.units.get("x") or "m", record.units.get("u") or "N")
     axis = FrictionAxis(
         mass=mass, viscous=max(float(values[1]), 0.0), coulomb=CoulombMap.of(level),
         name=record.name or "axis", units=_axis_units(units),
     )  # fmt: skip
     return ForceRegression(
-        axis, parameters, deviations, float(values[3]), float(values[4]), rms, tuple(messages)
+        axis, parameters, deviations, float(values[3]), float(values[4]), found.rms, tuple(messages)
     )
 
 
 def _axis_units(units: tuple[str, str]) -> tuple[str, str]:
     """Units of an axis where the record states only one of them."""
     return ("rad", "N m") if units in (("rad", "N"), ("m", "N m")) else units
-
-
-def _motion(record: Record) -> SmoothedMotion:
-    """Smoothed motion with the kernel that the noise of the inertial force asks for."""
-    # At most the whole drive accelerates the mass.
-    mass = float(np.std(record.u)) / max(float(np.std(record.derivatives().a)), 1e-300)
-    for _ in range(_ROUNDS):
-        motion = SmoothedMotion.from_record(record, mass)
-        if motion.places.size < _ENOUGH:
-            raise ValueError(
-                f"record slides in {motion.places.size} smoothed samples only, {_ENOUGH} are "
-                "needed: it must move for longer"
-            )
-        mass = max(float(_regression(record, motion)[0][0]), 0.1 * mass)
-    return motion
-
-
-def _regression(
-    record: Record, motion: SmoothedMotion, viscous: bool = True
-) -> tuple[Floats, Floats, float]:
-    """Values of a, v, direction, constant and place, their standard errors, RMS of the rest."""
-    bare = FrictionAxis(1.0, 0.0, CoulombMap.of(1.0))
-    u = drive_at_the_mass(bare, record)
-    middle = motion.x - float(np.mean(motion.x[motion.places]))
-    columns = [motion.a, motion.v * viscous, motion.direction, np.ones_like(u), middle, u]
-    rows = motion.smooth_columns(np.stack(columns, axis=1))
-    size = np.maximum(np.abs(rows[:, :5]).max(axis=0), 1e-300)
-    terms, drive = rows[:, :5] / size, rows[:, 5]
-    found = np.linalg.lstsq(terms, drive, rcond=None)[0]
-    left = drive - terms @ found
-    degrees = max(left.size - found.size, 1)
-    variance = float(left @ left) / degrees * _correlation_time(left)
-    errors = np.sqrt(variance * np.sum(np.linalg.pinv(terms) ** 2, axis=1))
-    return found / size, errors / size, float(np.sqrt(np.mean(left**2)))
-
-
-def _correlation_time(left: Floats) -> float:
-    """Number of samples of a residual that say the same."""
-    power = np.abs(np.fft.rfft(left - left.mean(), 2 * left.size)) ** 2
-    correlation = np.fft.irfft(power)[: left.size]
-    correlation /= max(correlation[0], 1e-300)
-    stop = int(np.argmax(correlation < _UNCORRELATED)) or left.size - 1
-    return float(1.0 + 2.0 * correlation[1:stop].sum())

@@ -24,7 +24,7 @@ from dryfric_control.estimation.parameters import (
     choose,
     typical,
 )
-from dryfric_control.estimation.plausibility import checked_records, warn_if_implausible
+from dryfric_control.estimation.plausibility import check_plausible, checked_records
 from dryfric_control.estimation.random_force import (
     away_from_rest,
     has_random_force,
@@ -303,6 +303,7 @@ def fit(
     seed: int = 0,
     jobs: int = 1,
     progress: bool = False,
+    anyway: bool = False,
 ) -> Fit:
     """Fit parameters of an axis to one or more records.
 
@@ -338,11 +339,15 @@ def fit(
         Number of starts that run at the same time.
     progress : bool, optional
         Whether to show a progress bar.
+    anyway : bool, optional
+        Whether to go on, with a warning, where a record certainly has a wrong unit or sign.
 
     Raises
     ------
     ValueError
-        If a name is unknown or an argument out of its range.
+        If a name is unknown or an argument out of its range; or if the drive certainly has the
+        wrong sign, or mass and friction differ from those of the axis as only a wrong unit can
+        make them, by more than a factor of 100.
 
     Warns
     -----
@@ -352,7 +357,7 @@ def fit(
         not fit (the random force left is correlated in time: parameters absorb part of what the
         axis lacks).
     RecordWarning
-        When a unit or a sign seems wrong, see `warn_if_implausible`.
+        When a unit or a sign seems wrong.
 
     Notes
     -----
@@ -397,10 +402,13 @@ def fit(
             raise ValueError(f"known: {', '.join(known)} leave nothing free")
     records = checked_records(record)
     window = _window(records) if window is None else window
-    for r in records:
+    effects = choose(axis, free, typical(records))[0].effects
+    gain_free = any(effect.slug == "input_gain" for effect in effects)
+    for i, r in enumerate(records):
+        name = f"record[{i}]" if len(records) > 1 else "record"
         cut(r, window, hold)
-        check_units(axis, r)
-        warn_if_implausible(axis, r)
+        check_units(axis, r, name)
+        check_plausible(axis, r, name, anyway=anyway, gain_free=gain_free)
     problem = problem_of(axis, records, free, tolerance, hold, block)
     if starts is None:
         starts = _MANY if any(p.breaks_away for p in problem.parameters) else _STARTS

@@ -941,7 +941,8 @@ class Record(Saved):
 
         instance("axis", axis, FrictionAxis)
         check_units(axis, self)
-        return check_record(self, axis.units, doubts(axis, self))
+        told = [doubt.message for doubt in doubts(axis, self)]
+        return check_record(self, axis.units, told)
 
     def _known_units(self) -> tuple[str, str]:
         """Units of position and drive: those an axis has by default if nothing is said."""

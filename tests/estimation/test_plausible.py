@@ -5,9 +5,10 @@ import warnings
 
 import numpy as np
 import pytest
+from diagnosis_cases import among
 
 import dryfric_control as dfc
-from dryfric_control.estimation.plausibility import warn_if_implausible
+from dryfric_control.estimation.plausibility import check_plausible, doubts, warn_if_implausible
 
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-0.05, 0.25))
 T = 1e-3 * np.arange(4000)
@@ -22,7 +23,7 @@ X = 1e-6 * np.round(1e6 * AXIS.simulate(U, dt=1e-3).y[0])
         (U, X + 3.0, "counted from elsewhere"),
         (-U, X, "takes energy out of the machine .* sign of u or x reversed"),
         (U, 0.2 - X, "takes energy out of the machine"),
-        (1e-3 * U, X, r"at most 0.02 N and moves an axis whose Coulomb level is at least 8 N"),
+        (1e-3 * U, X, r"Coulomb level is 0.00\d+ N, in the axis 2 kg and 8 N: u seems to be in kN"),
     ],
 )
 def test_what_cannot_be_of_this_axis_is_told(u, x, words):
@@ -31,7 +32,7 @@ def test_what_cannot_be_of_this_axis_is_told(u, x, words):
         warn_if_implausible(AXIS, record)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        dfc.fit(AXIS, record)
+        dfc.fit(AXIS, record, anyway=True)
     ours = [w for w in caught if w.category is dfc.RecordWarning]
     assert ours and all(w.filename == __file__ for w in ours)
 
@@ -43,12 +44,109 @@ def test_swapped_columns_are_told():
 
 def test_a_motion_far_beyond_its_drive_is_told():
     axis = AXIS.replace(travel=None)
-    with pytest.warns(dfc.RecordWarning, match=r"the motion needs about .* drive is at most 20 N"):
-        warn_if_implausible(axis, dfc.Record(T, U, 1e3 * X))
+    # Too short to regress the drive on: only the largest forces can be compared.
+    far, weak = dfc.Record(T[:90], U[:90], 1e3 * X[:90]), dfc.Record(T[:90], 1e-3 * U[:90], X[:90])
+    with pytest.warns(
+        dfc.RecordWarning, match=r"the motion needs about .* drive is at most 10\.2 N"
+    ):
+        warn_if_implausible(axis, far)
+    with pytest.warns(dfc.RecordWarning, match=r"most 0.0102 N and moves an axis .* least 8 N"):
+        warn_if_implausible(axis, weak)
+    assert not any(doubt.proof for doubt in (*doubts(axis, far), *doubts(axis, weak)))
     scaled = axis.replace(effects=dfc.effects.InputGain(1e3))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warn_if_implausible(scaled, dfc.Record(T, U, 1e3 * X))
+
+
+FREE = AXIS.replace(travel=None)
+TURNING = dfc.FrictionAxis(inertia=2.0, viscous=15.0, coulomb=8.0)
+REVERSED = r"-1.9\d kg .* -7.8\d N, .*wrong sign.*gain=-1\) turns the drive, .*'x': -1.0"
+
+
+@pytest.mark.parametrize(
+    ("axis", "t", "u", "x", "words"),
+    [
+        (AXIS, T, -U, X, REVERSED),
+        (AXIS, T, U, 0.2 - X, REVERSED),
+        (TURNING, T, -U, X, r"inertia is -1.9\d kg m\^2 .* wrong sign"),
+        (FREE, T, U, 1e3 * X, r'0.0019\d kg .*, in the axis 2 kg and 8 N: .*units={"x": "mm"}'),
+        (FREE, T, 1e-3 * U, X, r'u seems to be in kN, .*units={"u": "kN"}'),
+        (FREE, T, 1e3 * U, X, r'u seems to be in mN, .*units={"u": "mN"}'),
+        (TURNING, T, 1e-3 * U, X, r'inertia is .* 2 kg m\^2 and 8 N m: .*units={"u": "kN m"}'),
+        (FREE, T, U, 20.0 * X, None),
+        (FREE.replace(mass=100.0, coulomb=0.5), T, U, X, None),
+    ],
+)
+@pytest.mark.filterwarnings("ignore")
+def test_a_certain_sign_or_unit_stops_with_what_to_type(axis, t, u, x, words):
+    record = dfc.Record(t, u, x)
+    if words is None:  # a nominal axis far off, but by no unit
+        return check_plausible(axis, record)
+    for estimate in (dfc.fit, dfc.diagnose):
+        with pytest.raises(ValueError, match=f"^record: .*{words}.*; anyway=True goes on"):
+            estimate(axis, record)
+    other = dfc.Record(T, U, X) if axis is AXIS else record[:3900]
+    with pytest.raises(ValueError, match=rf"^record\[{int(axis is AXIS)}\]: .*{words}"):
+        dfc.fit(axis, [other, record])
+    check_plausible(axis, record, anyway=True)
+
+
+def test_a_wrong_unit_of_the_axis_is_not_looked_for_in_stated_units():
+    stated = dfc.Record(T, U, X, units={"x": "m", "u": "N"})
+    with pytest.raises(ValueError, match=r"2e\+03 kg and 8 N: a unit is wrong.*dfc.axis_from\(rec"):
+        dfc.fit(FREE.replace(mass=2000.0), stated)
+    impossible = dfc.Record(T, U, 1e6 * X)
+    with pytest.raises(ValueError, match="x has no unit, .*; anyway=True"):
+        dfc.fit(FREE.replace(mass=2e-6, viscous=15e-6), impossible)
+
+
+def test_milliseconds_taken_for_seconds_stop():
+    with pytest.warns(dfc.RecordWarning, match="milliseconds"):
+        slow = dfc.Record(1e3 * T, U, X)
+    with pytest.raises(ValueError, match=r't seems to be in ms, .*units={"t": "ms"}'):
+        check_plausible(FREE, slow)
+
+
+def test_a_gain_to_be_found_is_no_wrong_unit():
+    amperes = dfc.Record(T, 5e-3 * U, X)
+    with pytest.raises(ValueError, match="a unit is wrong|seems to be in"):
+        dfc.fit(FREE, amperes, free=("viscous",))
+    found = dfc.fit(FREE.replace(effects=dfc.effects.InputGain(200.0)), amperes, free=("viscous",))
+    assert found.axis.viscous == pytest.approx(15.0, rel=0.01)
+    with pytest.warns(dfc.RecordWarning, match="is u in another unit, such as V"):
+        check_plausible(FREE, amperes, gain_free=True)
+
+
+@pytest.mark.filterwarnings("ignore::dryfric_control.FitWarning")
+def test_what_brakes_a_weight_on_its_way_down_has_the_right_sign():
+    """One way only, a constant force and the Coulomb level are one; the mass decides."""
+    v = -0.1 - 0.05 * np.sin(9.0 * T)
+    x = np.cumsum(v) * 1e-3
+    u = 2.0 * np.gradient(v, 1e-3) + 15.0 * v - 8.0 + 60.0
+    record = dfc.Record(T, u, x)
+    assert [doubt.proof for doubt in doubts(FREE, record)] == [""]
+    assert "takes energy out" in doubts(FREE, record)[0].message
+    assert dfc.axis_from(record).mass == pytest.approx(2.0, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_certain_doubt_is_one_bad_case_of_a_batch(tmp_path):
+    records = {"good": dfc.Record(T, U, X), "bad": dfc.Record(T, -U, X)}
+    options = dict(store=tmp_path / "batch.jsonl", progress=False)
+    with among("spring"):
+        found = dfc.diagnose_batch(AXIS, records, **options)
+        joints = dfc.diagnose_joints({n: (AXIS, r) for n, r in records.items()}, progress=False)
+        told = dfc.diagnose_batch(AXIS, records, anyway=True, **options)
+        again = dfc.diagnose_batch(AXIS, records, **options)
+    assert found["good"]["verdict"] == joints["good"].verdict == "nothing to find"
+    assert (
+        found["bad"]["verdict"] == "not diagnosed" and "records['bad']: " in found["bad"]["reason"]
+    )
+    assert re.search(REVERSED, found["bad"]["reason"]) and re.search(REVERSED, joints.failed["bad"])
+    assert told["bad"]["verdict"] != "not diagnosed"
+    assert again == found  # what was stored when told to go on is no answer to who was not
 
 
 def test_millimetres_without_a_unit_are_told_wherever_they_are_first_seen():

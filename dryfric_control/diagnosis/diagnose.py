@@ -65,6 +65,7 @@ from dryfric_control.progress import ProgressLine
 from dryfric_control.records.bad_readings import REASONS
 from dryfric_control.records.read import RecordLike
 from dryfric_control.records.record import Record, counts_text
+from dryfric_control.records.record_arguments import HOW_TO_GIVE, axis_first
 from dryfric_control.store.batch import fingerprint, raise_failures, run_batch
 from dryfric_control.text import length_text, page_reference, percent
 from dryfric_control.units import check_units
@@ -107,6 +108,7 @@ _INTERRUPTED = "interrupted: the best answer so far; causes may be missing"
 NOT_DIAGNOSED = "not diagnosed"
 
 
+@axis_first
 def diagnose(
     axis: FrictionAxis,
     record: RecordLike | Sequence[RecordLike],
@@ -209,7 +211,7 @@ def diagnose(
     40.0
     """
     begun = time.monotonic()
-    instance("axis", axis, FrictionAxis)
+    instance("axis", axis, FrictionAxis, HOW_TO_GIVE)
     whole("jobs", jobs)
     if on_update is not None and not callable(on_update):
         raise ValueError(

@@ -47,6 +47,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction_curve import draw_curve
 from dryfric_control.records.read import RecordLike
 from dryfric_control.records.record import Record
+from dryfric_control.records.record_arguments import HOW_TO_GIVE, axis_first
 from dryfric_control.result_table import Quantity, format_table
 from dryfric_control.store.saved import Saved
 from dryfric_control.text import (
@@ -289,6 +290,7 @@ class Fit(Saved, Result):
         return f"{axis.name}: fit"
 
 
+@axis_first
 def fit(
     axis: FrictionAxis,
     record: RecordLike | Sequence[RecordLike],
@@ -388,7 +390,7 @@ def fit(
     >>> round(found.axis.mass, 2), round(found.axis.viscous, 1)
     (2.0, 15.0)
     """
-    instance("axis", axis, FrictionAxis)
+    instance("axis", axis, FrictionAxis, HOW_TO_GIVE)
     if starts is not None:
         whole("starts", starts)
     if block is not None:

@@ -16,6 +16,7 @@ from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.model.responses import SimulationResponse
 from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
+from dryfric_control.records.record_arguments import HOW_TO_GIVE, axis_first
 from dryfric_control.records.resolution import QUANTA
 from dryfric_control.text import Result, length_text, prefix_unit
 from dryfric_control.units import check_units
@@ -95,6 +96,7 @@ def _draw_error(ax: Any, t: Any, error: Any, unit: str) -> None:
     label_axes(ax, y=f"error [{unit}]")
 
 
+@axis_first
 def replay(
     axis: FrictionAxis,
     record: RecordLike,
@@ -135,7 +137,7 @@ def replay(
     >>> errors.median > 10.0 * errors.quantum
     True
     """
-    instance("axis", axis, FrictionAxis)
+    instance("axis", axis, FrictionAxis, HOW_TO_GIVE)
     shift = finite("shift", shift, unit="s")
     _refuse_several(record, "dfc.replay(axis, one)")
     record = as_record(record)

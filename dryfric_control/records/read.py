@@ -13,6 +13,7 @@ from dryfric_control.checks import instance
 from dryfric_control.records.readers.channels import MAX_ROWS
 from dryfric_control.records.readers.reading import read_as
 from dryfric_control.records.record import Record
+from dryfric_control.records.record_arguments import reading_arguments
 from dryfric_control.records.record_checks import vector
 from dryfric_control.records.scaling import Scaling
 from dryfric_control.store.files import read_json
@@ -21,6 +22,7 @@ _BAM_FULL_DUTY = 885.0  # `load` at 100 % PWM duty of the XL330
 _BAM_KEYS = "timestamp position goal_position load input_volts temp torque_enable".split()
 
 
+@reading_arguments
 def read_record(
     source: str | os.PathLike[str] | Mapping[str, Any] | Any,
     columns: Mapping[str, str | int | None] | None = None,

@@ -48,16 +48,31 @@ _STEPS = 200
 _SPEEDS = 24
 # Digits of its numbers: what a picture shows.
 _DIGITS = 6
+# What is written beside a slider, on a linear axis.
+_LABELS = {
+    "mass": "mass",
+    "viscous": "viscous friction",
+    "coulomb": "Coulomb level",
+    "excess": "Stribeck peak",
+    "stribeck_speed": "Stribeck velocity",
+    "stiffness": "spring stiffness",
+    "constant": "constant force",
+}
+# Unit of the peak: the excess of breakaway over the Coulomb level is a part of that.
+_OF_LEVEL = "of Coulomb level"
+# Width of these words in a notebook.
+_LABEL_WIDTH = "8.5em"
 
 
 @dataclass(frozen=True)
 class Slider:
-    """One number of the model: where it starts, its range and unit."""
+    """One number of the model: where it starts, its range, unit and label."""
 
     value: float
     low: float
     high: float
     unit: str
+    label: str
 
 
 class ForceExplorer:
@@ -109,17 +124,19 @@ class ForceExplorer:
         fastest = float(np.abs(self._v).max(initial=1e-12))
         speed = peak.speed if axis.stribeck else 0.03 * fastest
         stiffness = 2.0 * level / max(record.range, 1e-300)
-        return {
-            "mass": Slider(axis.mass, 0.0, _REACH * axis.mass, unit("kg")),
-            "viscous": Slider(
+        ranges = {
+            "mass": (axis.mass, 0.0, _REACH * axis.mass, unit("kg")),
+            "viscous": (
                 axis.viscous, 0.0, max(_REACH * axis.viscous, level / fastest), unit("N s/m")
             ),
-            "coulomb": Slider(level, 0.0, _REACH * level, unit("N")),
-            "excess": Slider(peak.excess, 0.0, max(1.0, 2.0 * peak.excess), ""),
-            "stribeck_speed": Slider(speed, _SLOWEST * fastest, _FASTEST * fastest, unit("m/s")),
-            "stiffness": Slider(0.0, 0.0, stiffness, unit("N/m")),
-            "constant": Slider(0.0, -level, level, unit("N")),
-        }
+            "coulomb": (level, 0.0, _REACH * level, unit("N")),
+            "excess": (peak.excess, 0.0, max(1.0, 2.0 * peak.excess), _OF_LEVEL),
+            "stribeck_speed": (speed, _SLOWEST * fastest, _FASTEST * fastest, unit("m/s")),
+            "stiffness": (0.0, 0.0, stiffness, unit("N/m")),
+            "constant": (0.0, -level, level, unit("N")),
+        }  # fmt: skip
+        words = {name: rotary_words(label, axis.units[1]) for name, label in _LABELS.items()}
+        return {name: Slider(*one, words[name]) for name, one in ranges.items()}
 
     def set(self, **values: float) -> None:
         """Turn some of the numbers.
@@ -127,9 +144,12 @@ class ForceExplorer:
         Parameters
         ----------
         **values : float
-            mass, viscous, coulomb, excess and stribeck_speed of the axis; stiffness and constant
-            of a line over place, a spring at rest in the middle of the record and a bias force.
+            mass (inertia of a rotary axis), viscous, coulomb, excess and stribeck_speed of the
+            axis; stiffness and constant of a line over place, a spring at rest in the middle of the
+            record and a bias force.
         """
+        if "inertia" in values and self._start.units[0] == "rad":
+            values["mass"] = values.pop("inertia")
         known_keys("explore.", values, self.sliders)
         self.values |= {name: finite(name, value) for name, value in values.items()}
 
@@ -287,8 +307,10 @@ class ForceExplorer:
         return self.png()
 
     def __repr__(self) -> str:
-        given = ", ".join(f"{name} = {value:.4g}" for name, value in self.values.items())
-        return f"{self._title()}\n{given}\nsliders in a notebook need ipywidgets; .set(mass=...)"
+        first = "inertia" if self._start.units[0] == "rad" else "mass"
+        named = {first if name == "mass" else name: one for name, one in self.values.items()}
+        given = ", ".join(f"{name} = {value:.4g}" for name, value in named.items())
+        return f"{self._title()}\n{given}\nsliders in a notebook need ipywidgets; .set({first}=...)"
 
     def _ipython_display_(self) -> None:
         from IPython.display import Image, display
@@ -306,7 +328,8 @@ class ForceExplorer:
         picture = widgets.Image(value=self.png(), format="png")
         rows = []
         for name, one in self.sliders.items():
-            options = {"description": name, "readout_format": ".3g"}
+            style = {"description_width": _LABEL_WIDTH}
+            options = {"description": one.label, "readout_format": ".3g", "style": style}
             if name == "stribeck_speed":
                 low, high = np.log10([one.low, one.high])
                 step = (high - low) / _STEPS

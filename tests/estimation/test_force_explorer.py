@@ -61,11 +61,28 @@ def test_sliders_turn_the_numbers(record):
     look = record.explore(AXIS)
     panel = look.panel(widgets)
     *rows, picture = panel.children
-    assert [row.children[0].description for row in rows] == list(look.sliders)
+    labels = [row.children[0].description for row in rows]
+    assert labels == [one.label for one in look.sliders.values()]
+    assert labels[0] == "mass" and rows[3].children[1].value == "of Coulomb level"
     before = picture.value
     rows[2].children[0].value = 6.0
     assert look.axis.coulomb.mean == 6.0 and picture.value != before
     assert rows[2].children[1].value == "N"
+
+
+def test_a_rotary_axis_has_inertia_and_torque(record, tmp_path):
+    turning = dfc.FrictionAxis(inertia=2.0, viscous=15.0, coulomb=8.0)
+    look = record.explore(turning)
+    labels = {name: (one.label, one.unit) for name, one in look.sliders.items()}
+    assert labels["mass"] == ("inertia", "kg m^2") and labels["constant"][0] == "constant torque"
+    assert labels["excess"] == ("Stribeck peak", "of Coulomb level")
+    text = look.to_html(tmp_path / "look.html").read_text()
+    shown = dict(re.findall(r'<label for="(\w+)">(.*?)</label>', text))
+    assert shown == {name: label for name, (label, _) in labels.items()}
+    look.set(inertia=3.0)
+    assert look.axis.inertia == 3.0
+    assert "\ninertia = 3, viscous" in repr(look) and ".set(inertia=...)" in repr(look)
+    assert "\nmass = 2, viscous" in repr(record.explore(AXIS))
 
 
 TURNED = {"mass": 2.0, "viscous": 15.0, "coulomb": 9.0, "excess": 0.3, "stiffness": 3.0,

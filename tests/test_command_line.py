@@ -240,6 +240,32 @@ def test_a_diagnosis_without_an_axis_begins_with_that_of_the_record(tmp_path, mo
     assert "no --axis: that of the record" in capsys.readouterr().out
 
 
+@pytest.mark.filterwarnings("always")
+def test_a_wrong_sign_stops_the_command_unless_told_to_go_on(tmp_path, monkeypatch, capsys):
+    t = 1e-3 * np.arange(4000)
+    u = 20.0 * np.sin(6.0 * t)
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    dfc.Record(t, -u, axis.simulate(u, dt=1e-3).y[0]).to_csv(tmp_path / "run.csv")
+    (tmp_path / "axis.toml").write_text(AXIS)
+    monkeypatch.chdir(tmp_path)
+    command = ["diagnose", "run.csv", "--axis", "axis.toml"]
+    assert main(command) == 2
+    said = capsys.readouterr().err
+    assert "wrong sign. --gain -1 turns the drive, --gain x=-1.0 the position; --anyway go" in said
+    # The rest of the work is not done here: only what the search is given is looked at.
+    room = importlib.import_module("dryfric_control.diagnosis.diagnose")
+
+    def no_search(*_, **__):
+        raise ValueError("that will do")
+
+    monkeypatch.setattr(room, "_diagnosed", no_search)
+    for options in (["--anyway"], ["--gain", "-1"]):
+        assert main([*command, *options]) == 2
+        said = capsys.readouterr().err
+        assert said.splitlines()[-1].endswith("that will do")
+        assert ("takes energy out" in said) == (options == ["--anyway"])
+
+
 def test_an_interrupt_is_one_line_and_status_130(monkeypatch, capsys, tmp_path):
     def interrupted(*_, **__):
         raise KeyboardInterrupt

@@ -38,6 +38,15 @@ def test_mass_and_friction_come_out_whatever_constant_or_spring_acts_beside(besi
     assert found.axis.mass == found.parameters["mass"] and not found.messages
 
 
+def test_a_known_force_on_the_mass_counts_as_drive():
+    beside = 6.0 * np.sign(np.sin(2.0 * T))
+    known = force_regression(record_of(FORCE - beside, load=beside))
+    assert known.parameters["mass"] == pytest.approx(2.0, rel=3e-3)
+    assert known.parameters["coulomb"] == pytest.approx(8.0, rel=3e-3)
+    unknown = force_regression(record_of(FORCE - beside))
+    assert unknown.rms > 10.0 * known.rms
+
+
 def test_a_path_and_a_rotary_record(tmp_path):
     record = record_of(FORCE, units={"x": "rad", "u": "N m"})
     record.to_csv(tmp_path / "run.csv")

@@ -79,6 +79,13 @@ def whole(name: str, value: object, least: int = 1) -> int:
     return int(number)
 
 
+def check_boolean(name: str, value: object) -> bool:
+    """Reject what is neither True nor False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueError(f"{name} must be True or False, got {describe_value(value)}")
+    return bool(value)
+
+
 def one_of(name: str, value: object, choices: Iterable[object]) -> None:
     """Reject what is none of some words or numbers."""
     known = list(choices)

@@ -258,7 +258,7 @@ def test_a_wrong_sign_stops_the_command_unless_told_to_go_on(tmp_path, monkeypat
     def no_search(*_, **__):
         raise ValueError("that will do")
 
-    monkeypatch.setattr(room, "_diagnosed", no_search)
+    monkeypatch.setattr(room, "_search_and_judge", no_search)
     for options in (["--anyway"], ["--gain", "-1"]):
         assert main([*command, *options]) == 2
         said = capsys.readouterr().err

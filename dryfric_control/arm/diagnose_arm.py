@@ -10,7 +10,7 @@ from typing import Any
 
 from dryfric_control.arm.arm_records import ArmRecords, arm_records
 from dryfric_control.arm.model_errors import ModelError
-from dryfric_control.checks import one_of, positive
+from dryfric_control.checks import check_boolean, one_of, positive
 from dryfric_control.diagnosis.joints import JointDiagnoses, diagnose_joints
 from dryfric_control.estimation.parameters import checked_knowledge
 from dryfric_control.estimation.windows import cut
@@ -131,6 +131,7 @@ def diagnose_arm(
     >>> found["table"].verdict, found.model_errors
     ('nothing to find', ())
     """
+    check_boolean("anyway", anyway)
     names, tolerance, time_limit = _check_options(known, tolerance, store, time_limit, hold)
     nominal = arm_records(model, log, **options)
     if window is not None:

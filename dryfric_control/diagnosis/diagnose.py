@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from dryfric_control._version import __version__
-from dryfric_control.checks import instance, positive, whole
+from dryfric_control.checks import check_boolean, instance, positive, whole
 from dryfric_control.diagnosis.candidates import SLUGS
 from dryfric_control.diagnosis.causes import (
     causes_of,
@@ -213,6 +213,7 @@ def diagnose(
     begun = time.monotonic()
     instance("axis", axis, FrictionAxis, HOW_TO_GIVE)
     whole("jobs", jobs)
+    check_boolean("anyway", anyway)
     if on_update is not None and not callable(on_update):
         raise ValueError(
             f"on_update must be a function of a step and the causes, or None, got {on_update!r}"
@@ -783,6 +784,7 @@ def run_cases(
     A store identifies a case by its name, the data of its records and `own` of its axis.
     A case that cannot be diagnosed has its exception for a result, unless all have.
     """
+    check_boolean("anyway", anyway)
     cases: dict[Any, Any] = {}
     results: dict[Any, Any] = dict.fromkeys(named)
     for name, (axis, records) in named.items():

@@ -53,7 +53,7 @@ class DriveRegression:
     rms: float
 
     @classmethod
-    def of(cls, record: Record) -> DriveRegression:
+    def from_record(cls, record: Record) -> DriveRegression:
         """The regression, with the kernel that the noise of the inertial force asks for."""
         # At most the whole drive accelerates the mass.
         mass = float(np.std(record.u)) / max(float(np.std(record.derivatives().a)), 1e-300)
@@ -84,13 +84,13 @@ class DriveRegression:
         return bool(self.errors[i] < error * self.values[i]) and (i != 2 or self.both_ways)
 
     @property
-    def opposed(self) -> bool:
+    def has_opposed_drive(self) -> bool:
         """Whether the drive acts against the acceleration or along friction."""
         ratios = self.values / np.maximum(self.errors, 1e-300)
         return bool(ratios[0] < -_CLEAR or (self.both_ways and ratios[2] < -_CLEAR))
 
     @property
-    def driving(self) -> bool:
+    def has_driving_sign(self) -> bool:
         """Whether the drive acts along the acceleration or against friction."""
         return any(self.is_sure(i, 1.0 / _CLEAR) for i in (0, 2))
 

@@ -76,17 +76,17 @@ def check_plausible(
     """
     found = doubts(axis, record, gain_free)
     if not anyway:
-        _refuse(found, name)
+        _raise_certain(found, name)
     for doubt in found:
         warn(doubt.message, RecordWarning)
 
 
 def refuse_implausible(axis: FrictionAxis, record: Record, name: str = "record") -> None:
     """ValueError with what to type where a wrong unit or a reversed sign is certain."""
-    _refuse(doubts(axis, record), name)
+    _raise_certain(doubts(axis, record), name)
 
 
-def _refuse(found: list[Doubt], name: str) -> None:
+def _raise_certain(found: list[Doubt], name: str) -> None:
     certain = [doubt.proof for doubt in found if doubt.proof]
     if certain:
         raise ValueError(
@@ -137,7 +137,7 @@ def doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -> list[
     strongest = float(np.abs(record.u).max())
     if strongest == 0.0:
         return found  # something else moves it: nothing is known of the drive
-    shown = _shown(record)
+    shown = _drive_regression(record)
     energy = energy_message(record, axis.units)
     if energy:
         found.append(Doubt(energy, _wrong_sign(axis, shown)))
@@ -174,17 +174,17 @@ def _weak_drive(axis: FrictionAxis, record: Record, strongest: float, scaled: bo
     return ""
 
 
-def _shown(record: Record) -> DriveRegression | None:
+def _drive_regression(record: Record) -> DriveRegression | None:
     """Mass and friction that the drive shows; None where the record slides too little."""
     try:
-        return DriveRegression.of(record)
+        return DriveRegression.from_record(record)
     except ValueError:
         return None
 
 
 def _wrong_sign(axis: FrictionAxis, shown: DriveRegression | None) -> str:
     """What makes a reversed sign certain, and its mend; empty where it is not."""
-    if shown is None or not shown.opposed or shown.driving:
+    if shown is None or not shown.has_opposed_drive or shown.has_driving_sign:
         return ""
     mass, level = shown.values[[0, 2]]
     return rotary_words(

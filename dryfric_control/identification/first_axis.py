@@ -151,7 +151,7 @@ def force_regression(record: RecordLike) -> ForceRegression:
             f"the {turned} of the machine to gain=dfc.Scaling(...) as the file is read"
             + page_reference("howto/read_csv")
         )
-    found = DriveRegression.of(record)
+    found = DriveRegression.from_record(record)
     messages = []
     if not found.errors[2] < _HARDLY * found.values[2]:
         found = found.without_viscous()
@@ -162,7 +162,7 @@ def force_regression(record: RecordLike) -> ForceRegression:
     values, errors = found.values, found.errors
     parameters = dict(zip(_NAMES, values[:3].tolist(), strict=True))
     deviations = dict(zip(_NAMES, errors[:3].tolist(), strict=True))
-    if found.opposed:
+    if found.has_opposed_drive:
         raise ValueError(
             "record: the drive acts against the acceleration and along friction, as with the wrong "
             "sign: read_record(..., gain=-1) turns the drive, gain={'x': -1.0} the position"

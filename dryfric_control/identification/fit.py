@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import finite, instance, positive, warn, whole
+from dryfric_control.checks import check_boolean, finite, instance, positive, warn, whole
 from dryfric_control.drawing import MEASURED, label_axes, panels
 from dryfric_control.estimation import uncertainty
 from dryfric_control.estimation.force_residual import Sliding, force_start
@@ -397,6 +397,7 @@ def fit(
         positive("block", block, unit="s")
     whole("seed", seed, least=0)
     whole("jobs", jobs)
+    check_boolean("anyway", anyway)
     known, tolerance = checked_knowledge(known, tolerance)
     if known and not isinstance(free, str):
         free = [name for name in free if SPELLINGS.get(name, name) not in known]

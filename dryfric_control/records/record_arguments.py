@@ -48,16 +48,16 @@ def reading_arguments(read: Callable[P, R]) -> Callable[P, R]:
     known = tuple(inspect.signature(read).parameters)
 
     @wraps(read)
-    def called(*args: P.args, **given: P.kwargs) -> R:
+    def call_checked(*args: P.args, **given: P.kwargs) -> R:
         for name in given:
             if name not in known:
-                raise TypeError(_unknown(name, known))
+                raise TypeError(_unknown_message(name, known))
         return read(*args, **given)
 
-    return called
+    return call_checked
 
 
-def _unknown(name: str, known: tuple[str, ...]) -> str:
+def _unknown_message(name: str, known: tuple[str, ...]) -> str:
     """Message for an argument that `read_record` does not have."""
     meant = _MEANT.get(name.lower())
     if name in {item.name for item in fields(Scaling)}:
@@ -70,16 +70,16 @@ def axis_first(function: Callable[P, R]) -> Callable[P, R]:
     """Let a function of an axis and its record say what to type where one of the two lacks."""
 
     @wraps(function)
-    def called(*args: P.args, **given: P.kwargs) -> R:
+    def call_checked(*args: P.args, **given: P.kwargs) -> R:
         there = dict(zip(("axis", "record"), args, strict=False)) | given
         if len(there.keys() & {"axis", "record"}) == 1:
-            raise TypeError(_lacking(function.__name__, there))
+            raise TypeError(_lacking_message(function.__name__, there))
         return function(*args, **given)
 
-    return called
+    return call_checked
 
 
-def _lacking(function: str, there: dict[str, Any]) -> str:
+def _lacking_message(function: str, there: dict[str, Any]) -> str:
     """Message for a call with an axis or a record alone."""
     alone = there.get("axis", there.get("record"))
     if "axis" in there and not isinstance(alone, (Record, str, os.PathLike, list, tuple)):

@@ -8,7 +8,11 @@ import pytest
 from diagnosis_cases import among
 
 import dryfric_control as dfc
-from dryfric_control.estimation.plausibility import check_plausible, doubts, warn_if_implausible
+from dryfric_control.estimation.plausibility import (
+    check_plausible,
+    doubts,
+    warn_if_implausible,
+)
 
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-0.05, 0.25))
 T = 1e-3 * np.arange(4000)

@@ -39,7 +39,7 @@ def test_an_axis_or_a_record_alone_is_told_what_to_type(name, alone, words):
         ("unit", 'give units={"x": "mm"}'), ("scale", 'give gain={"u": 35.0}'),
         ("cols", 'columns={"t": "time"'), ("force", r"arrays make dfc.Record\(t, u, x\)"),
         ("fs", "rate=1000.0"), ("Ts", "dt=1e-3"), ("sep", "whose layout is recognised"),
-        ("lead", r"gain=dfc.Scaling\(lead=...\)"), ("colums", "Did you mean 'columns'"),
+        ("lead", r"gain=dfc.Scaling\(lead=...\)"), ("joints", "Did you mean 'joint'"),
         ("qqqq", "it has source, columns, gain"),
     ],
 )  # fmt: skip

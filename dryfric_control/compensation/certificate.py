@@ -322,13 +322,15 @@ class _Corner(NamedTuple):
     slip: float  # largest velocity of a slip, for 1 N left [m/(N s)]
     missed: float  # error by what is missing along the reference [m]
     quick: float  # velocity of that error [m/s]
-    drive: float  # drive for it [N]
+    drive: float  # drive for it, and for what follows [N]
+    begun: float  # error by the force that the drive does not hold yet at the start [m]
+    pushed: float  # velocity of that error [m/s]
 
 
 def _mismatch_corners(
-    comp: Compensation, mu: float, bounded: bool, reference: MotionProfile | None
+    comp: Compensation, mu: float, bounded: bool, reference: MotionProfile | None, held: float
 ) -> Iterator[_Corner]:
-    """Loops at the corners of the mismatch."""
+    """Loops at the corners of the mismatch; `held`: force that the drive holds from the start."""
     axis, dt = comp.rigid_axis, comp.dt
     for m, f, d in itertools.product(
         sorted({1.0 - mu, 1.0, 1.0 + mu}),
@@ -339,20 +341,25 @@ def _mismatch_corners(
         radius, responses = loop_responses(comp, mass, viscous, delay)
         gains = loop_gains(radius, responses)
         if radius >= 1.0:
-            yield _Corner(gains, *(math.inf,) * 6)
+            yield _Corner(gains, *(math.inf,) * 8)
             continue
         response = responses[..., 0]
-        missed = quick = drive = 0.0
+        missed = quick = drive = begun = pushed = 0.0
         if reference is not None:
             missing = _missing(comp, reference, mass, viscous, delay)
             missed, quick, drive = np.abs(oaconvolve(missing[:, None], response, axes=0)).max(0)
             # An axis at rest under a reference that moves has the momentum to make up.
             start = mass * abs(float(reference.velocity[0])) / dt * np.abs(response).max(0)
             missed, quick, drive = np.array([missed, quick, drive]) + start
+            # The drive that holds it arrives late.
+            absent = _absent_at_start(comp, delay)[:, None]
+            begun, pushed, held_drive = held * np.abs(oaconvolve(absent, response, axes=0)).max(0)
+            drive += held_drive
         gain = stick_slip_gain(response[:, 0]) if bounded else gains.l1
         kick = mass * float(np.abs(response[:, 0]).max()) / dt
         slip = float(np.abs(np.cumsum(response[:, 1])).max())
-        yield _Corner(gains, gain, kick, slip, float(missed), float(quick), float(drive))
+        found = map(float, (missed, quick, drive, begun, pushed))
+        yield _Corner(gains, gain, kick, slip, *found)
 
 
 class _Loop(NamedTuple):
@@ -387,7 +394,8 @@ def certify_tracking(
     # The theory page has the bounds, `sliding` (D) and `largest` (W) here.
     axis, mu, c = comp.rigid_axis, mismatch, comp.numbers
     bounded = c[kernel.HOLDS] != 0.0
-    corners = list(_mismatch_corners(comp, mu, bounded, reference))
+    held = 0.0 if reference is None else _force_at_start(comp, reference, mu)
+    corners = list(_mismatch_corners(comp, mu, bounded, reference, held))
     fast = (
         0.0 if reference is None else np.abs(_feedforward_forces(axis, reference)).sum(axis=0).max()
     )
@@ -504,6 +512,7 @@ def _bounds(
             "sticking": (gain - one.gains.l1) * sliding,
             "reversals": one.kick * turning + _TURN * gain * sliding if bounded else 0.0,
             "inertia": one.missed,
+            "start": one.begun + (one.kick * one.pushed if bounded else 0.0),
             "encoder": half * one.gains.reading,
         }
         shrink = 1.0 - gain * slope
@@ -517,6 +526,7 @@ def _bounds(
             parts = made
         # What changes with the place of the axis is a force, too.
         left = sliding + slope * error if slope > 0.0 else sliding
+        turning += one.pushed
         slip = turning + left * one.slip
         asked = min(one.gains.drive * left, c[kernel.KP] * error + c[kernel.KD] * slip)
         feedback = max(feedback, asked + one.drive + half * one.gains.reading_drive)
@@ -606,6 +616,26 @@ def _missing(
     x = np.concatenate([reference.position[:1], reference.position, reference.position[-1:]])
     needed = mass * np.diff(x, 2) / dt**2 + viscous * (x[2:] - x[:-2]) / (2.0 * dt)
     return np.asarray(drive - 0.5 * (needed + np.append(needed[1:], 0.0)))
+
+
+def _force_at_start(comp: Compensation, reference: MotionProfile, mu: float) -> float:
+    """Force effects that friction does not hold where a reference begins [N]."""
+    place = float(reference.position[0])
+    reach = Reach(place - comp.tolerance, place + comp.tolerance, time=comp.dt)
+    laws = laws_of(comp.rigid_axis, reach)
+    return laws.force if laws.force > (1.0 - mu) * laws.least_level else 0.0
+
+
+def _absent_at_start(comp: Compensation, delay: float) -> Floats:
+    """Part of a drive from the first sample on that is not at the axis yet, mean over samples."""
+    samples = math.ceil((delay + _LAGS * comp.drive_lag) / comp.dt) + 1
+    ends = comp.dt * np.arange(samples + 1) - delay
+    lag = comp.drive_lag
+    # Its integral: whole until the delay is over, then fading with the lag.
+    late = np.minimum(ends, 0.0) + (
+        lag * -np.expm1(-np.maximum(ends, 0.0) / lag) if lag > 0.0 else 0.0
+    )
+    return np.asarray(np.diff(late) / comp.dt)
 
 
 def _delay_samples(comp: Compensation, ahead: Floats, back: int) -> Floats:

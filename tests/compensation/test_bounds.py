@@ -41,6 +41,20 @@ def test_a_force_periodic_in_time_stays_in_the_tube(amplitude, frequency, mismat
     assert error <= tube < 5e-3
 
 
+@pytest.mark.parametrize("effect", [fx.Spring(2000.0, -0.04), fx.Gravity(60.0, 0.5 * np.pi)])
+def test_a_late_drive_lets_go_of_an_axis_at_the_start(effect):
+    """60 to 80 N against 8 N of friction, before the drive that holds them has arrived."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=(effect,))
+    comp = dfc.design_compensation(axis, DT, QUANTUM, 2.0 * DT, mismatch=0.0)
+    late = axis.replace(effects=(effect, fx.InputDelay(2.0 * DT)))
+    move = dfc.motion_profile([0.0, 2e-4, 0.0], DT, velocity=5e-4, acceleration=0.02, jerk=2.0)
+    certificate = comp.certify(reference=move)
+    run = dfc.simulate_loop(late, comp.controller, move, QUANTUM)
+    error = np.abs(run.y[0] - move.position).max()
+    # Without what happens at the start the error is beyond the tube.
+    assert certificate.tube - certificate.parts["start"] < error <= certificate.tube
+
+
 def test_a_held_drive_goes_on_with_a_force_that_is_known():
     """40 N at 3 Hz against 8 N of friction: the axis rests, as the drive follows the force."""
     comp = design(fx.TimePeriodic(40.0, 3.0, 1.0))

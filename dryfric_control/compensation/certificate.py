@@ -351,10 +351,11 @@ def _mismatch_corners(
             # An axis at rest under a reference that moves has the momentum to make up.
             start = mass * abs(float(reference.velocity[0])) / dt * np.abs(response).max(0)
             missed, quick, drive = np.array([missed, quick, drive]) + start
+        if held > 0.0:
             # The drive that holds it arrives late.
             absent = _absent_at_start(comp, delay)[:, None]
-            begun, pushed, held_drive = held * np.abs(oaconvolve(absent, response, axes=0)).max(0)
-            drive += held_drive
+            begun, pushed, late = held * np.abs(oaconvolve(absent, response, axes=0)).max(0)
+            drive += late
         gain = stick_slip_gain(response[:, 0]) if bounded else gains.l1
         kick = mass * float(np.abs(response[:, 0]).max()) / dt
         slip = float(np.abs(np.cumsum(response[:, 1])).max())

@@ -55,8 +55,7 @@ def warn_if_implausible(axis: FrictionAxis, record: Record) -> None:
     Positions lie far outside the travel, or the drive extracts energy from the machine, is too weak
     for the friction of the axis or for its acceleration, or shows another mass by orders.
     """
-    for doubt in doubts(axis, record):
-        warn(doubt.message, RecordWarning)
+    check_plausible(axis, record, anyway=True)
 
 
 def check_plausible(
@@ -116,8 +115,8 @@ def checked_records(records: Any, name: str = "record") -> tuple[Record, ...]:
 def doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -> list[Doubt]:
     """What speaks against units, sign and columns of a record, if it is one of this axis.
 
-    Certain is what the regression of the drive on the motion confirms, and a velocity that no axis
-    reaches; the rest may be a wrong model.
+    Certain is what the regression of the drive on the motion confirms; the rest may be a wrong
+    model.
     """
     axis = axis.effective()
     found = []

@@ -14,7 +14,16 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from dryfric_control.arrays import Floats, Ints
-from dryfric_control.checks import finite, instance, one_of, places, positive, samples, string
+from dryfric_control.checks import (
+    check_boolean,
+    finite,
+    instance,
+    one_of,
+    places,
+    positive,
+    samples,
+    string,
+)
 from dryfric_control.compiled import axis_step, elastic
 from dryfric_control.compiled.windowed_runs import NO_FORCE
 from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
@@ -268,8 +277,7 @@ class FrictionAxis:
             Whether it is moved by them. If not, only forces and rates can be asked for, and what
             moves an axis, which takes longest to compile, is left out.
         """
-        if not isinstance(moved, bool):
-            raise ValueError(f"moved must be True or False, got {moved!r}")
+        check_boolean("moved", moved)
         return _arrays(self, positive("dt", dt, unit="s"), moved)
 
     def breakaway(self, x: ArrayLike, direction: int) -> Floats:

@@ -109,12 +109,15 @@ KNOWN_FORCE, KNOWN_RATE, COULOMB = range(20, 23)
 #: axis without its inner states, and with them.
 RULE, N_PLUS, N_MINUS, N_INPUT, N_FORCE, N_PLACE, N_LEVEL, N_HISTORY = range(8)
 STRUCTURE, N_NUMBERS, RIGID_TASK, TASK, N_PEAKED, N_READING, N_CARRIED = range(8, 15)
-#: Number of inputs at which the input laws bend, and the index of the first among the numbers.
-N_CORNERS, CORNERS, N_DRIVEN, LAWS = range(15, 19)
+#: Number of inputs at which the input laws bend, and the index of the first among the numbers;
+#: N_BENDING: number of force and level laws that bend over velocity; N_EDGES: number of places at
+#: which they bend, which follow the corners.
+N_CORNERS, CORNERS, N_DRIVEN, N_BENDING, N_EDGES, LAWS = range(15, 21)
 
 #: Places, before the first parameter of a law, of the largest slopes of its force: over time and
-#: time at rest, place, velocity, and load.  RELATIVE is 1 where they are parts of the level.
-BY_TIME, BY_PLACE, BY_VELOCITY, BY_LOAD, RELATIVE = range(-5, 0)
+#: time at rest, place, velocity, and load.  RELATIVE is 1 where they are parts of the level; BEND
+#: is the velocity over which the slope over velocity lasts.
+BY_TIME, BY_PLACE, BY_VELOCITY, BY_LOAD, RELATIVE, BEND = range(-6, 0)
 
 #: Flags of STRUCTURE, to be added.
 CONTACT = 1
@@ -159,8 +162,17 @@ MOST_CLOSE = 64
 # Shortest stretch in which a load that nears its level is looked for, as a fraction of the times
 # over which it varies: what is left between two looks is found by the parabola through three.
 _FINEST_LOOK = 1e-2
+# Part of a step within which the end of another is that of this one.
+_SAME_END = 1e-6
+# The same where the crossing is found by the secant alone.
+_SAME_END_OF_SECANT = 1e-3
+# Most evaluations of a cubic for its root.
+_ROOT_TURNS = 40
 # Largest slope of exp(-q^2).
 _STEEPEST_PEAK = math.sqrt(2.0 / math.e)
+#: Bound of the slopes of a law, so that their products do not overflow; a law whose slope over
+#: velocity lasts for so long does not bend.
+MOST_SLOPE = 1e100
 # What effects may add to a level, as a multiple of it, for the bound of its rate.
 _RAISED = 2.0
 
@@ -581,45 +593,134 @@ def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
 
 
 @internal(forceinline=True)
-def peak_error(plant, x, v, v1, s, k1, k4, d):
-    """Bound of the velocity error of one step from v to v1 that the Stribeck peak makes."""
+def _bend_error(force, fades, inverse, k1, k4, d):
+    """Bound of the velocity error of one step by a force that bends over 1/inverse of velocity."""
     # With the peak of acceleration A exp(-q^2) the velocity changes by F Stribeck velocities in a
     # step, and by Z = A d of them by the peak alone.  The error of the method is at most
     # d A w F (F + Z)^3/230, w = exp(-q^2) (1 + q^2)^2 where it is largest in the step:
     # up to 0.97 of it over a million random steps with F < 1 (`benchmarks/sampling.py peak`).
+    change = max(abs(k1), abs(k4)) * d * inverse
+    steep = change + force * d * inverse
+    return force * d * fades * change * steep * steep * steep / _PEAK_ERROR
+
+
+@internal
+def _law_bends_error(plant, x, v, v1, s, k1, k4, d):
+    """The same by all laws of effects."""
+    numbers, i = plant.numbers, plant.integers
+    first, level, error = i[N_INPUT], base_level(plant, x, s) * _RAISED, 0.0
+    slowest = max(min(s * v, s * v1), 0.0)
+    for k in range(first, first + i[N_FORCE] + i[N_LEVEL]):
+        law = i[LAWS + 2 * k + 1]
+        bend, steepest = numbers[law + BEND], numbers[law + BY_VELOCITY]
+        if bend < MOST_SLOPE and steepest > 0.0:
+            unit = level if numbers[law + RELATIVE] != 0.0 else 1.0
+            force = unit * steepest * bend / _STEEPEST_PEAK * numbers[INVERSE_MASS]
+            # Their shapes are not known: a tail longer than that of a tanh.
+            tail = 1.0 + slowest * slowest / (bend * bend)
+            error += _bend_error(force, 1.0 / (tail * tail), 1.0 / bend, k1, k4, d)
+    return error
+
+
+@internal(forceinline=True)
+def peak_error(plant, x, v, v1, s, k1, k4, d):
+    """Bound of the velocity error of one step from v to v1 by what bends over a low velocity."""
     excess, inverse = plant.numbers[EXCESS], plant.numbers[INVERSE_STRIBECK_SPEED]
+    error = 0.0
+    if plant.integers[N_BENDING] > 0:
+        error = _law_bends_error(plant, x, v, v1, s, k1, k4, d)
     if excess == 0.0:
-        return 0.0
+        return error
     q = (min(s * v, s * v1) - plant.numbers[STICK_SPEED]) * inverse
     q = q * q if q > 0.0 else 0.0
     if q >= _STRIBECK_REACH:
-        return 0.0
+        return error
     level = base_level(plant, x, s)
     if plant.integers[N_LEVEL] > 0:
         level *= _RAISED
     fades = min(1.0, math.exp(-q) * (1.0 + q) * (1.0 + q))
-    peak = level * excess * plant.numbers[INVERSE_MASS] * d
-    change, alone = max(abs(k1), abs(k4)) * d * inverse, peak * inverse
-    steep = change + alone
-    return peak * fades * change * steep * steep * steep / _PEAK_ERROR
+    force = level * excess * plant.numbers[INVERSE_MASS]
+    return error + _bend_error(force, fades, inverse, k1, k4, d)
+
+
+@internal
+def _bend_step(above, then, d):
+    """Longest part of a step of length d, from and to these velocities, that skips no bend."""
+    # In velocities over which it bends: the friction is constant below 0 and far above.
+    change = abs(then - above)
+    if change <= 1.0 or max(above, then) <= 0.0 or min(above, then) >= _STRIBECK_EDGE:
+        return d
+    outside = -above if above < 0.0 else above - _STRIBECK_EDGE
+    return d * min(1.0, max(outside, 0.7) / change)
+
+
+@internal
+def _law_bends_step(plant, v, v1, s, d):
+    """The same for all laws of effects."""
+    numbers, i, first, step = plant.numbers, plant.integers, plant.integers[N_INPUT], d
+    for k in range(first, first + i[N_FORCE] + i[N_LEVEL]):
+        law = i[LAWS + 2 * k + 1]
+        if numbers[law + BEND] < MOST_SLOPE and numbers[law + BY_VELOCITY] > 0.0:
+            inverse = 1.0 / numbers[law + BEND]
+            step = min(step, _bend_step(s * v * inverse, s * v1 * inverse, d))
+    return step
 
 
 @internal(forceinline=True)
 def peak_step(plant, v, v1, s, d):
-    """Largest step length that does not skip the Stribeck peak."""
+    """Largest step length that does not skip the Stribeck peak, or a bend of an effect's law."""
+    step = d
+    if plant.integers[N_BENDING] > 0:
+        step = _law_bends_step(plant, v, v1, s, d)
     if plant.numbers[EXCESS] == 0.0:
-        return d
-    change = abs(v1 - v) * plant.numbers[INVERSE_STRIBECK_SPEED]
-    if change <= 1.0:
-        return d
-    # Speed above the stick speed, in Stribeck speeds: the friction is constant below 0 and
-    # far above.
+        return step
     sigma, inverse = plant.numbers[STICK_SPEED], plant.numbers[INVERSE_STRIBECK_SPEED]
-    above, then = (s * v - sigma) * inverse, (s * v1 - sigma) * inverse
-    if max(above, then) <= 0.0 or min(above, then) >= _STRIBECK_EDGE:
-        return d
-    level = -above if above < 0.0 else above - _STRIBECK_EDGE
-    return d * min(1.0, max(level, 0.7) / change)
+    if abs(v1 - v) * inverse <= 1.0:
+        return step
+    return min(step, _bend_step((s * v - sigma) * inverse, (s * v1 - sigma) * inverse, d))
+
+
+@internal
+def _crossing(a, rate, b, last_rate):
+    """Part of a step at which a cubic vanishes: its values and rates at both ends."""
+    sign = 1.0 if a > 0.0 else -1.0
+    low, flow, high, fhigh, side = 0.0, sign * a, 1.0, sign * b, 0
+    for _ in range(_ROOT_TURNS):
+        c = between(low, flow, high, fhigh)
+        if c == high or high - low < _SAME_END * 1e-3:
+            break
+        left = 1.0 - c
+        value = a * left * left * (1.0 + 2.0 * c) + b * c * c * (3.0 - 2.0 * c)
+        value += c * left * (rate * left - last_rate * c)
+        low, flow, high, fhigh, side = narrowed(low, flow, high, fhigh, side, c, sign * value)
+    return high
+
+
+@internal
+def kink_step(plant, t, x, v, w, x1, v1, w1, s, rest, d):
+    """Length of a step that ends where a force bends; d without such a place.  w: the load."""
+    numbers, i, cut = plant.numbers, plant.integers, d
+    first = i[CORNERS] + i[N_CORNERS]
+    for k in range(first, first + i[N_EDGES]):
+        before, after = x - numbers[k], x1 - numbers[k]
+        if before * after < 0.0:
+            part = _crossing(before, v * d, after, v1 * d)
+            if _SAME_END < part < 1.0 - _SAME_END:
+                cut = min(cut, part * d)
+    # What depends on the load does on its magnitude.
+    if i[N_CARRIED] > 0:
+        start = _carried(plant, t, x, v, w, s, rest)
+        end = _carried(plant, t + d, x1, v1, w1, s, rest)
+        turn = start / (start - end) if start * end < 0.0 else 0.0
+        if _SAME_END_OF_SECANT < turn < 1.0 - _SAME_END_OF_SECANT:
+            cut = min(cut, turn * d)
+    return cut
+
+
+@internal(forceinline=True)
+def has_kinks(plant):
+    """Whether a force bends at a place or where the load changes its direction."""
+    return plant.integers[N_EDGES] + plant.integers[N_CARRIED] > 0
 
 
 @internal
@@ -836,6 +937,14 @@ def _varies(plant, drive):
     )
 
 
+@internal
+def _kinked(plant, drive, t0, tau, x, v, x1, v1, s, d):
+    """Length of a sliding step that ends where a force bends, see `kink_step`."""
+    w = load(plant, drive, t0, tau, x, v, s, 0.0)
+    w1 = load(plant, drive, t0, tau + d, x1, v1, s, 0.0)
+    return kink_step(plant, t0 + tau, x, v, w, x1, v1, w1, s, 0.0, d)
+
+
 @internal(forceinline=True)
 def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
     """Try the interval in one step: whether no switch is near, the new state, a length to try."""
@@ -861,6 +970,8 @@ def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
     error = step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, h, allowed)
     error += peak_error(plant, x, v, v1, s, k1, k4, h)
     length = min(refined(plant, x1 - x, error, allowed, h), peak_step(plant, v, v1, s, h))
+    if length == h and has_kinks(plant):
+        length = _kinked(plant, drive, t0, 0.0, x, v, x1, v1, s, h)
     calm = lowest > sigma and h <= plant.numbers[SHORT_TIME] and length == h
     return calm, x1, v1, length
 
@@ -1051,6 +1162,8 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, long
                 cut = peak_step(plant, v, v1, s, d)
                 if cut >= 0.99 * d:
                     cut = turning(v, v1, s, k1, k4, d, 0.0 if s * v <= sigma else sigma)
+                if cut >= 0.99 * d and has_kinks(plant):
+                    cut = _kinked(plant, drive, t0, tau, x, v, x1, v1, s, d)
             if cut < d:
                 longest = cut
                 continue

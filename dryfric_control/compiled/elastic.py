@@ -221,24 +221,51 @@ def _fades(side):
 
 
 @step.internal
+def _bent_after(side, drive, t0, tau, at, strain, mode, rest, middle, after, d):
+    """Strain of bristles after a step of length d, its error as that of the step's velocity."""
+    s, half = _direction(mode), 0.5 * d
+    waited = 0.0 if abs(mode) == 1 else half
+    z, most = _deflection(side, drive, t0, tau + d, after, strain, mode, rest + 2.0 * waited)
+    if not _fades(side) or not most > 0.0:
+        return Strain(after.y, z, most), 0.0
+    # The level is taken to change linearly along the way, and bends by `bow` in its middle.
+    between = _most(side, drive, t0, tau + half, middle, s, rest + waited)
+    way, part = s * (after.y - at.y), 0.5
+    if way > 0.0:
+        part = min(max(s * (middle.y - at.y) / way, 0.25), 0.75)
+    bow = (between - strain.most - part * (most - strain.most)) / (4.0 * part * (1.0 - part))
+    ratio = abs(way) / most
+    bent = abs(bow) * min(abs(z), most) / (most * (1.0 + ratio))
+    rise = side.numbers[step.CONTACT_STIFFNESS] * side.numbers[step.INVERSE_MASS]
+    error = _BEND * d * bent * rise
+    if way > 0.0 and between > 0.0 and strain.most > 0.0:
+        # z' = 1 - z/limit with a parabola added to the limit, to first order.
+        weight = ratio / (1.0 + ratio * (0.5 + ratio / 6.0)) / 1.5
+        z += weight * bow * 0.5 * (strain.z + z) / between
+    return Strain(after.y, z, most), error
+
+
+@step.internal
 def _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d):
-    """One step of motor and load: their states, last stages, and the step's error."""
+    """One step of motor and load: states, last stages, the strain after it, the step's error."""
     half, t = 0.5 * d, tau + 0.5 * d
+    waited = 0.0 if abs(mode) == 1 else half
+    soon, late = rest + waited, rest + 2.0 * waited
     x, v, y, p = at.x, at.v, at.y, at.p
     xm, ym = x + half * (v + 0.25 * d * m1), y + half * (p + 0.25 * d * k1)
     middle = Masses(xm, v + half * m1, ym, p + half * k1)
-    m2, k2 = _rates(side, drive, t0, t, middle, strain, mode, rest)
+    m2, k2 = _rates(side, drive, t0, t, middle, strain, mode, soon)
     middle = Masses(xm, v + half * m2, ym, p + half * k2)
-    m3, k3 = _rates(side, drive, t0, t, middle, strain, mode, rest)
+    m3, k3 = _rates(side, drive, t0, t, middle, strain, mode, soon)
     end = Masses(x + d * (v + half * m3), v + d * m3, y + d * (p + half * k3), p + d * k3)
-    m4, k4 = _rates(side, drive, t0, tau + d, end, strain, mode, rest)
+    m4, k4 = _rates(side, drive, t0, tau + d, end, strain, mode, late)
     after = Masses(
         x + d * (v + d * (m1 + m2 + m3) / 6.0),
         v + d * (m1 + 2.0 * (m2 + m3) + m4) / 6.0,
         y + d * (p + d * (k1 + k2 + k3) / 6.0),
         p + d * (k1 + 2.0 * (k2 + k3) + k4) / 6.0,
     )
-    numbers, turn, bristles = side.numbers, _turn(side, mode), _bristles(side)
+    numbers, turn = side.numbers, _turn(side, mode)
     error = 0.0
     if side.integers[step.STRUCTURE] & step.SPRING:
         error = _wave_error(m1, m2, m3, m4, d * turn, d)
@@ -251,17 +278,10 @@ def _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d):
     error = max(error, step.step_error(side, drive, k1, k2, k3, k4, pull, math.inf, d, 0.0))
     if mode != 0:
         error = max(error, step.peak_error(side, y, p, after.p, _direction(mode), k1, k4, d))
-    if bristles and _fades(side):
-        # The level with which they slide is taken to change linearly along the way.
-        z, most = _deflection(side, drive, t0, tau + d, after, strain, mode, rest)
-        between = _most(side, drive, t0, t, middle, _direction(mode), rest)
-        bend = abs(between - 0.5 * (most + strain.most))
-        if most > 0.0:
-            # Bristles that slide forget what their level was before.
-            bend *= min(abs(z), most) / (most + abs(after.y - y))
-        bend *= numbers[step.CONTACT_STIFFNESS] * numbers[step.INVERSE_MASS]
-        error = max(error, _BEND * bend * d)
-    return after, m4, k4, error
+    if _bristles(side):
+        strain, bent = _bent_after(side, drive, t0, tau, at, strain, mode, rest, middle, after, d)
+        error = max(error, bent)
+    return after, m4, k4, strain, error
 
 
 @step.internal(forceinline=True)
@@ -384,8 +404,18 @@ def _slides_back(side, drive, t0, at, z, rest, h):
     return _tightens(side, drive, t0, 0.0, at, m, k, s, rest, d) > 0.0
 
 
+@step.internal
+def _kinked(side, drive, t0, tau, at, after, mode, rest, d):
+    """Length of a step that ends where a force bends, see `step.kink_step`."""
+    s, t = float(mode) if abs(mode) == 1 else 0.0, t0 + tau
+    felt, then = _transmitted(side, drive, tau, at), _transmitted(side, drive, tau + d, after)
+    w = step.load_under(side, felt, t, at.y, at.p, s, rest)
+    w1 = step.load_under(side, then, t + d, after.y, after.p, s, rest)
+    return step.kink_step(side, t, at.y, at.p, w, after.y, after.p, w1, s, rest, d)
+
+
 @step.internal(forceinline=True)
-def _shortened(side, at, after, mode, fades, k1, k4, d, error, allowed):
+def _shortened(side, drive, t0, tau, at, after, mode, rest, fades, k1, k4, d, error, allowed):
     """Length of the step to try instead of one of length d of the load; d if it may stay."""
     cut = step.refined(side, after.y - at.y, error, allowed, d)
     if cut == d and (mode != 0 or fades):
@@ -393,7 +423,9 @@ def _shortened(side, at, after, mode, fades, k1, k4, d, error, allowed):
         if sight < 0.99 * d:
             return sight
     if cut == d and mode != 0 and abs(mode) != _BACK:
-        return step.turning(at.p, after.p, _direction(mode), k1, k4, d, 0.0)
+        cut = step.turning(at.p, after.p, _direction(mode), k1, k4, d, 0.0)
+    if cut == d and step.has_kinks(side):
+        cut = _kinked(side, drive, t0, tau, at, after, mode, rest, d)
     return cut
 
 
@@ -418,7 +450,7 @@ def _margin_rate(side, drive, at, end, m1, k1, m4, k4, d):
 @step.internal
 def _margin_within(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, c, d):
     """Distance from the end of a phase after a part c of a step of length d."""
-    then, _, _, _ = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, c)
+    then, _, _, _, _ = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, c)
     now = rest + c if abs(mode) != 1 else 0.0
     return _margin(side, drive, t0, tau + c, then, strain, mode, now, flips, d)
 
@@ -479,12 +511,12 @@ def _phase_after(side, drive, t0, tau, at, strain, mode, rest, flips, moved):
     s, t, y, p = float(mode), t0 + tau, at.y, at.p
     force = _transmitted(side, drive, tau, at)
     if _bristles(side):
-        z, most = _deflection(side, drive, t0, tau, at, strain, mode, rest)
         s = _direction(mode)
         if abs(mode) == _BENDS and s * p > 0.0:
-            return int(s), p, Strain(y, z, most)
+            return int(s), p, strain
         p = 0.0 if abs(mode) == 1 else p
-        strain, mode = _bending(side, drive, t0, tau, Masses(at.x, at.v, y, p), z, 0, rest)
+        now = Masses(at.x, at.v, y, p)
+        strain, mode = _bending(side, drive, t0, tau, now, strain.z, 0, rest)
         return mode, p, strain
     if side.integers[step.STRUCTURE] & step.CONTACT:
         if abs(mode) == _BACK:
@@ -530,17 +562,6 @@ def _first_phase(side, drive, t0, at, z, mode, rest, h):
         if _slides_back(side, drive, t0, at, z, rest, h):
             mode = int(math.copysign(_BACK, z))
     return Strain(at.y, z, 0.0), mode
-
-
-@step.internal(forceinline=True)
-def _next_strain(side, drive, t0, tau, at, strain, mode, rest):
-    """Strain of the contact after a step in a phase."""
-    if abs(mode) == _BACK:
-        return _back_strain(side, drive, t0, tau, at, mode, rest)
-    if _bristles(side):
-        z, most = _deflection(side, drive, t0, tau, at, strain, mode, rest)
-        return Strain(at.y, z, most)
-    return strain
 
 
 @step.internal(forceinline=True)
@@ -628,11 +649,13 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         if tries >= _TRIED:
             longest = h
             d = min(bound - tau, max(_carried(side, at, strain, mode, k1), _SHORTEST_CARRIED * h))
-        end, m4, k4, error = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d)
+        end, m4, k4, bent, error = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d)
         scale = _velocity_scale(side, at, m1, k1, d)
         allowed = step.TOLERANCE * scale + side.numbers[step.ALLOWED]
         if d > step.SHORTEST * h and tries < _TRIED:
-            cut = _shortened(side, at, end, mode, fades, k1, k4, d, error, allowed)
+            cut = _shortened(
+                side, drive, t0, tau, at, end, mode, rest, fades, k1, k4, d, error, allowed
+            )
             if cut < d:
                 longest = cut
                 continue
@@ -648,7 +671,9 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         if left > 0.0:
             at, rest, gap, fresh = end, end_rest, left, True
             tau += d
-            strain = _next_strain(side, drive, t0, tau, at, strain, mode, rest)
+            strain = bent
+            if abs(mode) == _BACK:
+                strain = _back_strain(side, drive, t0, tau, at, mode, rest)
             if tau + step.SHORTEST * h >= h:
                 tau = h
             if longest < h:
@@ -659,7 +684,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         cut = _phase_end(
             side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, part, left, exact
         )
-        at, _, _, _ = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, cut)
+        at, _, _, strain, _ = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, cut)
         tau += cut
         if tau + step.SHORTEST * h >= h:
             tau = h
@@ -826,12 +851,14 @@ def _apart(plant, drive, t, d, memory, scratch, events, count):
 
 
 @step.internal
-def _stop(d, memory, scratch):
-    """When the load stops for the rest of d; d if it does not."""
-    # Where it stops, force and relative velocity of motor and load change abruptly.
-    stop = d - scratch[step.REST]
+def _first_switch(t, d, memory, scratch, known, events, count):
+    """When the load first stops, turns or starts within d; d if it does not."""
+    # There the force between motor and load, and their relative velocity, change abruptly.
     stops = scratch[step.MODE] == 0.0 and memory[step.MODE] != 0.0
-    return stop if stops and stop > step.CLOSE * d else d
+    switch = d - scratch[step.REST] if stops else d
+    if count[step.LISTED] > known:
+        switch = min(switch, events[3 * known] - t)
+    return max(switch, step.CLOSE * d) if switch < (1.0 - step.CLOSE) * d else d
 
 
 @step.internal
@@ -853,6 +880,7 @@ def _pace(plant, drive, t, d, state):
     rate = loads + levels + numbers[step.VISCOUS] * (by_force + braking)
     if plant.integers[step.STRUCTURE] & step.CONTACT:
         rate += numbers[step.CONTACT_STIFFNESS] * speed
+        rate += numbers[step.STICK_RATE] / numbers[step.INVERSE_MASS] * (by_force + braking)
     return by_force + braking + d * (loads + levels) * numbers[step.INVERSE_MASS], rate
 
 
@@ -966,13 +994,16 @@ def _vanishes(
 @step.internal
 def _move_joined(plant, drive, t, d, exact, free, memory, scratch, side, events, count):
     """Move motor and load in contact over at most d: how long, and the side of contact then."""
-    # `free`: whether they may part; the motion ends where the load stops.
+    # `free`: whether they may part; the motion ends where the load switches.
     known, half, after = count[step.LISTED], plant.numbers[step.HALF_GAP], side
     end = _joined(plant, drive, t, d, memory, side, scratch, events, count)
-    stop = _stop(d, memory, scratch)
-    if stop < d and free:
-        count[step.LISTED], d = known, stop
+    switch = _first_switch(t, d, memory, scratch, known, events, count)
+    if switch < d and free:
+        count[step.LISTED], d = known, (1.0 - step.CLOSE) * switch
         end = _joined(plant, drive, t, d, memory, side, scratch, events, count)
+        if end >= 0.0:
+            count[step.LISTED], d = known, switch
+            end = _joined(plant, drive, t, d, memory, side, scratch, events, count)
     if free:
         d, end = _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, count)
     if end < 0.0 and free:
@@ -1006,12 +1037,12 @@ def _middle_of_flight(plant, drive, t, d, memory, after, scratch, events, count)
 @step.internal
 def _move_apart(plant, drive, t, d, shortest, exact, free, memory, scratch, events, count):
     """Move motor and load apart over at most d: how long, and the side on which they meet or 0."""
-    # `free`: whether they may meet; the motion ends where the load stops.
+    # `free`: whether they may meet; the motion ends where the load switches.
     known, half, rubs = count[step.LISTED], plant.numbers[step.HALF_GAP], _rubs(plant)
     lead = _apart(plant, drive, t, d, memory, scratch, events, count)
-    stop = _stop(d, memory, scratch)
-    if stop < d and d > shortest:
-        count[step.LISTED], d = known, stop
+    switch = _first_switch(t, d, memory, scratch, known, events, count)
+    if switch < d and d > shortest:
+        count[step.LISTED], d = known, switch
         lead = _apart(plant, drive, t, d, memory, scratch, events, count)
     after = 0.0
     if free:

@@ -962,7 +962,12 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
     rubbing = 1.0 - inner.load_fraction if inner.motor_rubs else inner.load_fraction
     loaded = sum(effect.depends_on_load for effect in levels)
     corners = input_corners(by_action["input"])
+    speed = _usual_speed(axis, inner)
+    slopes = {effect: effect.slopes(axis, speed) for effect in (*forces, *levels)}
     low, high = axis.travel or (-np.inf, np.inf)
+    # Beyond its travel an axis has the levels of its ends.
+    bent = max(len(axis.coulomb.plus), len(axis.coulomb.minus)) > 1
+    edges = [*(axis.travel or () if bent else ()), *(x for e in axis.effects for x in e.edges)]
     stribeck = axis.stribeck
     numbers = [
         1.0 / axis.mass,
@@ -1008,14 +1013,12 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
         len(corners),
         len(numbers),
         sum(effect.by_drive for effect in levels),
+        sum(math.isfinite(slope.bend) for slope in slopes.values()),
+        len(edges),
     ]
-    numbers += corners
-    speed = _usual_speed(axis, inner)
+    numbers += [*corners, *edges]
     for effect in laws:
-        if effect.action in ("force", "friction"):
-            numbers += effect.slopes(axis, speed).within_range()
-        else:
-            numbers += Slopes()
+        numbers += slopes.get(effect, Slopes()).within_range()
         integers += [law_address(type(effect)), len(numbers)]
         numbers += effect.values
     if behind:

@@ -17,7 +17,7 @@ from numba import cfunc
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, one_of, positive, string
-from dryfric_control.compiled.axis_step import LAW
+from dryfric_control.compiled.axis_step import LAW, MOST_SLOPE
 from dryfric_control.model.effects.columns import Column, View, by_law
 from dryfric_control.model.effects.interval import Box, Interval
 from dryfric_control.text import fields_of, list_in_docstring
@@ -174,8 +174,6 @@ class Inner(NamedTuple):
     motor_rubs: float = 0.0
 
 
-# Largest slope that is handed to the compiled kernel: its products stay numbers.
-_MOST_SLOPE = 1e100
 # Number of states at which a law without slopes of its own is tried.
 _STATES = 64
 # Step of a difference there, relative.
@@ -205,6 +203,8 @@ class Slopes(NamedTuple):
         Over the force it acts on [1].
     relative : float
         1 where they are parts of the Coulomb level, for a level of 1 N.
+    bend : float
+        Velocity over which the slope over velocity lasts [m/s]; inf where it does not change.
 
     Examples
     --------
@@ -219,10 +219,11 @@ class Slopes(NamedTuple):
     velocity: float = 0.0
     load: float = 0.0
     relative: float = 0.0
+    bend: float = math.inf
 
     def within_range(self) -> tuple[float, ...]:
         """The same as numbers whose products do not overflow."""
-        return tuple(min(slope, _MOST_SLOPE) for slope in self)
+        return tuple(min(slope, MOST_SLOPE) for slope in self)
 
 
 #: What an effect depends on, by the arguments that its law reads.
@@ -354,6 +355,11 @@ class Effect:
     def stiffest(self) -> float:
         """Largest stiffness of a force law [N/m]: a sample must not hold too much of its swing."""
         return 0.0
+
+    @property
+    def edges(self) -> tuple[float, ...]:
+        """Places at which the force bends or jumps [m]: there a step ends."""
+        return ()
 
     @property
     def corners(self) -> tuple[float, ...]:

@@ -269,6 +269,11 @@ class EndStop(Effect):
         """Stiffness of the stops."""
         return self.stiffness
 
+    @property
+    def edges(self) -> tuple[float, ...]:
+        """Places of the stops."""
+        return self.low, self.high
+
     def plausible(self, axis: BaseAxis) -> bool:
         # An end has travel before it: where friction holds the axis deeper in both stops than they
         # lie apart, they are a spring.

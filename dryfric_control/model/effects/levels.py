@@ -339,7 +339,8 @@ class StribeckAsymmetry(Effect):
     experiment = "Crawl ever more slowly in both directions and compare the levels at equal speed."
 
     def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
-        return Slopes(velocity=_STEEPEST_PEAK * abs(self.difference) / self.speed, relative=1.0)
+        steepest = _STEEPEST_PEAK * abs(self.difference) / self.speed
+        return Slopes(velocity=steepest, relative=1.0, bend=self.speed)
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -408,7 +409,7 @@ class VelocityStrengthening(Effect):
     experiment = "Crawl ever more slowly in both directions: the level falls towards rest."
 
     def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
-        return Slopes(velocity=self.deficit / self.speed, relative=1.0)
+        return Slopes(velocity=self.deficit / self.speed, relative=1.0, bend=self.speed)
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]

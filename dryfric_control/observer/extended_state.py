@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from dryfric_control.arrays import Floats, Ints
-from dryfric_control.checks import increment, positive, sampling_time
+from dryfric_control.checks import check_boolean, increment, positive, sampling_time
 from dryfric_control.compiled import axis_step
 from dryfric_control.compiled.observer import (
     LINE,
@@ -301,12 +301,11 @@ def extended_state_observer(
         whole = math.sqrt(level / (own.mass * quantum))
         bandwidth = min(max(BANDWIDTH_SHARE * whole, SLOWEST / dt), FASTEST / dt)
     bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
-    if not isinstance(feedforward, (bool, np.bool_)):
-        raise ValueError(f"feedforward must be True or False, got {feedforward!r}")
+    feedforward = check_boolean("feedforward", feedforward)
     if rest_speed is None:
         rest_speed = max(
             bandwidth_gains(own, dt, bandwidth)[1] * quantum,
             own.stick_speed,
         )
     rest_speed = positive("rest_speed", rest_speed, unit=axis.unit("m/s"))
-    return ExtendedStateObserver(own, dt, quantum, bandwidth, bool(feedforward), rest_speed)
+    return ExtendedStateObserver(own, dt, quantum, bandwidth, feedforward, rest_speed)

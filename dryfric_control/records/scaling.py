@@ -10,7 +10,7 @@ from functools import wraps
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from dryfric_control.checks import finite, known_keys, positive
+from dryfric_control.checks import check_boolean, finite, known_keys, positive
 from dryfric_control.records.record_warning import warn
 from dryfric_control.store.files import read_toml
 from dryfric_control.text import did_you_mean, stated, with_parameters
@@ -124,8 +124,7 @@ class Scaling:
             if (value := getattr(self, name)) is not None and value >= _LONG_LEAD:
                 warn(f"{name} = {value:g} is in metres: {what} of {value:g} mm has "
                      f"{name}={1e-3 * value:g}")  # fmt: skip
-        if not isinstance(self.load_encoder, bool):
-            raise ValueError(f"load_encoder must be True or False, got {self.load_encoder!r}")
+        put(self, "load_encoder", check_boolean("load_encoder", self.load_encoder))
         for one, other, what in (
             ("torque_constant", "force_constant", "a motor"),
             ("rated_torque", "rated_force", "a motor"),

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dryfric_control.checks import one_of, whole
+from dryfric_control.checks import check_boolean, one_of, whole
 from dryfric_control.simulators import files, joint_values, mujoco_bench, mujoco_formats
 from dryfric_control.simulators import mujoco_model as engine
 from dryfric_control.simulators.joint_values import Joint, SimulatorValues
@@ -110,8 +110,8 @@ def to_mjcf(
     >>> [(one.what, round(one.error, 3)) for one in found.lost]
     [('Coulomb level 1.6 forwards, 1.4 N m backwards', 0.1)]
     """
-    if stiff is not None and not isinstance(stiff, bool):
-        raise ValueError(f"stiff must be True or False, got {stiff!r}")
+    if stiff is not None:
+        stiff = check_boolean("stiff", stiff)
     if noslip_iterations is not None:
         noslip_iterations = whole("noslip_iterations", noslip_iterations, 0)
     rich = _is_dialect_4(dialect)

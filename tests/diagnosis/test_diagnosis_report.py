@@ -4,8 +4,6 @@ import functools
 import json
 import math
 import re
-import shutil
-import subprocess
 from dataclasses import fields, replace
 from html.parser import HTMLParser
 from types import SimpleNamespace
@@ -13,6 +11,7 @@ from types import SimpleNamespace
 import matplotlib
 import numpy as np
 import pytest
+from browser import needs_browser, rendered
 from diagnosis_cases import among, driven
 from each_effect import EFFECTS
 from hypothesis import given, settings
@@ -34,8 +33,6 @@ from dryfric_control.text import typeset_signs
 DT, QUANTUM = 1e-3, 4e-6
 NAME = '<script>alert("1")</script> & co'
 FILES = {"report.html", "report.png", "diagnosis.json", "extended.toml", "saved.json"}
-BROWSERS = "chromium", "chromium-browser", "google-chrome"
-BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
 # Stands for an experiment: what the report asks of one.
@@ -599,28 +596,16 @@ PROBE = """
   document.body.append(probe);
 });</script>
 """
-FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--hide-scrollbars",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    # Whatever a page asks for, nothing leaves the machine.
-    "--host-resolver-rules=MAP * ~NOTFOUND", "--enable-logging=stderr", "--dump-dom",
-    "--virtual-time-budget=5000",
-)  # fmt: skip
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine")
+@needs_browser
 @pytest.mark.parametrize("width", [1280, 400])
 def test_a_browser_shows_the_page_whole(found, tmp_path, width):
-    """From disk, in a browser that has never run before."""
     page, copy = page_of(found), tmp_path / "copy.html"
     copy.write_text(page.replace("</head>", PROBE + "</head>"), encoding="utf-8")
-    place = (f"--window-size={width},800", f"--user-data-dir={tmp_path}", copy.as_uri())
-    run = subprocess.run(
-        [BROWSER, *FLAGS, *place], capture_output=True, text=True, timeout=120, check=True
-    )
-    assert ":CONSOLE:" not in run.stderr
-    seen = re.search(r'<script type="application/json" id="probe">(.*?)</script>', run.stdout)
+    dom = rendered(copy.as_uri(), tmp_path, width)
+    seen = re.search(r'<script type="application/json" id="probe">(.*?)</script>', dom)
     seen = json.loads(seen[1])
     assert len(seen["images"]) == page.count("<img ") >= 4
     # As large as a telephone is wide; no pixel that does not fit.

@@ -3,19 +3,16 @@
 import io
 import json
 import re
-import shutil
-import subprocess
 
 import numpy as np
 import pytest
+from browser import needs_browser, rendered
 from matplotlib.image import imread
 
 import dryfric_control as dfc
 
 T = 1e-3 * np.arange(4000)
 AXIS = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-BROWSERS = "chromium", "chromium-browser", "google-chrome"
-BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
 @pytest.fixture(scope="module")
@@ -113,17 +110,10 @@ def test_the_page_holds_the_force_as_a_sum_over_the_numbers(page):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine")
+@needs_browser
 def test_a_browser_draws_the_page_with_the_numbers_of_its_address(page, tmp_path):
     path, _, values, dots = page
     numbers = "&".join(f"{name}={value}" for name, value in values.items())
-    run = subprocess.run(
-        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
-         "--disable-background-networking", "--host-resolver-rules=MAP * ~NOTFOUND",
-         "--enable-logging=stderr", "--dump-dom", f"--user-data-dir={tmp_path}",
-         f"{path.as_uri()}#{numbers}"],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
-    assert ":CONSOLE:" not in run.stderr
+    dom = rendered(f"{path.as_uri()}#{numbers}", tmp_path)
     rms = np.sqrt(np.mean(dots**2))
-    assert f"force missing in the model: {rms:.3g} N RMS" in run.stdout
+    assert f"force missing in the model: {rms:.3g} N RMS" in dom

@@ -16,7 +16,7 @@ import numpy as np
 from numba import cfunc
 
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import finite, one_of, positive, string
+from dryfric_control.checks import check_boolean, finite, one_of, positive, string
 from dryfric_control.compiled.axis_step import LAW, MOST_SLOPE
 from dryfric_control.model.effects.columns import Column, View, by_law
 from dryfric_control.model.effects.interval import Box, Interval
@@ -118,9 +118,7 @@ def parameter(
         raise ValueError(f"default must lie within bounds = {bounds!r}, got {default!r}")
     one_of("kind", kind, KINDS)
     flags = {"free": free, "breaks_away": breaks_away, "logarithmic": logarithmic}
-    for name, flag in flags.items():
-        if not isinstance(flag, bool):
-            raise ValueError(f"{name} must be True or False, got {flag!r}")
+    flags = {name: check_boolean(name, flag) for name, flag in flags.items()}
     if neutral is not None:
         finite("neutral", neutral)
     if size is not None:

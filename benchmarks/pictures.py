@@ -81,7 +81,7 @@ def work_precision(
     """
     import matplotlib.pyplot as plt
 
-    figure, ax = plt.subplots(figsize=(7.5, 5.0), layout="constrained")
+    figure, ax = plt.subplots(figsize=(7.5, 6.0), layout="constrained")
     shown = [row for row in rows if np.isfinite(row[3])]
     for i, (law, words) in enumerate(laws.items()):
         for own in (True, False):
@@ -99,7 +99,7 @@ def work_precision(
     ax.set_ylabel("processor time for 40 s of stick-slip [ms]")
     ax.grid(which="major", color="0.9")
     ax.margins(x=0.2)
-    ax.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=3)
+    ax.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 1.13), ncols=3)
     # The colour says which law; the star that it is this package.
     colours = {law: f"C{i}" for i, law in enumerate(laws)}
     _labels(figure, ax, [(r[3], 1e3 * r[2], _short(r[0]), colours[r[1]]) for r in shown])
@@ -119,13 +119,16 @@ def _labels(figure, ax, points) -> None:
     inside, scale = ax.get_window_extent(), figure.dpi / 72.0
     at = ax.transData.transform([point[:2] for point in points])
     taken = [Bbox.from_bounds(x - 5 * scale, y - 5 * scale, 10 * scale, 10 * scale) for x, y in at]
+    cores = [one.shrunk(0.7, 0.7) for one in taken]  # what no line crosses
+    lines: list[np.ndarray] = []  # points of each line from a label to its mark
     places = [(1, 0, 7), (-1, 0, 7), (0, 1, 8), (0, -1, 8)]
     places += [
         (np.cos(turn), np.sin(turn), far)
-        for far in range(16, 120, 8)
-        for turn in np.deg2rad([25, -25, 155, -155, 60, -60, 120, -120, 90, -90, 0, 180])
+        for far in range(16, 160, 8)
+        for turn in np.deg2rad(sorted(range(0, 360, 15), key=lambda turn: turn % 90))
     ]
-    for (x, y, text, colour), own in zip(points, taken[: len(points)], strict=True):
+    marks = zip(points, at, taken[: len(points)], cores[: len(points)], strict=True)
+    for (x, y, text, colour), mark, own, core in marks:
         for across, up, far in places:
             side = "center" if abs(across) < 0.2 else "left" if across > 0 else "right"
             label = ax.annotate(
@@ -135,8 +138,13 @@ def _labels(figure, ax, points) -> None:
             )  # fmt: skip
             label.update_positions(figure.canvas.get_renderer())
             box = Text.get_window_extent(label).padded(1.0)  # without the line
+            line = np.linspace(mark, [0.5 * (box.x0 + box.x1), 0.5 * (box.y0 + box.y1)], 60)
             free = not any(box.overlaps(one) for one in taken if one is not own)
+            free = free and not any(one.count_contains(line) for one in cores if one is not core)
+            free = free and not any(box.count_contains(one) for one in lines)
             if free and inside.containsx(box.x0) and inside.containsx(box.x1):
                 taken.append(box)
+                cores.append(box)
+                lines.append(line)
                 break
             label.remove()

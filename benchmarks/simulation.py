@@ -243,7 +243,7 @@ def stick_slip_table(repeat: int, plot: Path | None = None) -> None:
             lambda: peers.events_solve_ivp(p, "LSODA", 1e-10),
         ),
         ("compiled Euler, 1 ms", "switched", lambda: peers.euler_loop(p, 1e-3)),
-        ("compiled Euler, 10 us", "switched", lambda: peers.euler_loop(p, 1e-5)),
+        ("compiled Euler, 10 µs", "switched", lambda: peers.euler_loop(p, 1e-5)),
         ("ours, LuGre 1e-8, 1 ms", "lugre", lambda: pulled(p, DT, our_lugre)),
         ("LuGre, LSODA 1e-6", "lugre", lambda: peers.smooth_solve_ivp(p, lugre, 3, "LSODA", 1e-6)),
         ("LuGre, LSODA 1e-8", "lugre", lambda: peers.smooth_solve_ivp(p, lugre, 3, "LSODA", 1e-8)),
@@ -274,8 +274,12 @@ def stick_slip_table(repeat: int, plot: Path | None = None) -> None:
     if peers.fmu_available():
         fmu = peers.regularised_fmu(p, Path(folder.name))
         cases += [
-            (f"linear, FMU by CVode {rtol:g}", "linear", lambda r=rtol: peers.fmu_cvode(p, fmu, r))
-            for rtol in (1e-6, 1e-8, 1e-10)
+            (
+                f"linear, FMU by CVode {rtol}",
+                "linear",
+                lambda r=rtol: peers.fmu_cvode(p, fmu, float(r)),
+            )
+            for rtol in ("1e-6", "1e-8", "1e-10")
         ]
     else:
         print("fmpy or gcc is not installed: the rows of the FMU are left out")

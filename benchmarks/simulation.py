@@ -397,7 +397,7 @@ def servo_table(repeat: int) -> None:
         ("ours, stepper() in a Python loop", stepped),
         ("solve_ivp RK45 1e-8", lambda: servo_peers.servo_solve_ivp(p, "RK45", 1e-8)),
         ("DOP853 compiled 1e-8", lambda: servo_peers.servo_dop853(p, 1e-8)),
-        ("hand-written RK4 in Python", lambda: servo_peers.servo_rk4(p, 1)),
+        ("hand-written RK4, 1 substep", lambda: servo_peers.servo_rk4(p, 1)),
         ("hand-written RK4, 2 substeps", lambda: servo_peers.servo_rk4(p, 2)),
         ("hand-written RK4, 4 substeps", lambda: servo_peers.servo_rk4(p, 4)),
         ("compiled Euler", lambda: servo_peers.servo_euler(p, 1)),

@@ -289,25 +289,25 @@ def newton_run(path, u, solver):
 
 #: What each environment replays: title, ending of the file, and how.
 REPLAYS = {
-    "mujoco32": [("MuJoCo 3.2.7, words of 3.2", "-3.2.xml", mujoco_run)],
+    "mujoco32": [("MuJoCo 3.2.7, dialect 3.2", "-3.2.xml", mujoco_run)],
     "mujoco40": [
-        ("MuJoCo 4.0.0, words of 3.2", "-3.2.xml", mujoco_run),
-        ("MuJoCo 4.0.0, words of 4.0", "-4.0.xml", mujoco_run),
+        ("MuJoCo 4.0.0, dialect 3.2", "-3.2.xml", mujoco_run),
+        ("MuJoCo 4.0.0, dialect 4.0", "-4.0.xml", mujoco_run),
     ],
     "pinocchio": [
-        ("Pinocchio 4.1.0, aba and its friction data, words of 3.2", "-3.2.xml", pinocchio_run),
-        ("the same, words of 4.0", "-4.0.xml", pinocchio_run),
+        ("Pinocchio 4.1.0, aba and its friction data, dialect 3.2", "-3.2.xml", pinocchio_run),
+        ("the same, dialect 4.0", "-4.0.xml", pinocchio_run),
     ],
     "drake": [
-        ("Drake 1.51.1, MJCF, words of 3.2", "-3.2.xml", drake_run),
-        ("the same, words of 4.0", "-4.0.xml", drake_run),
+        ("Drake 1.51.1, MJCF, dialect 3.2", "-3.2.xml", drake_run),
+        ("the same, dialect 4.0", "-4.0.xml", drake_run),
         ("Drake 1.51.1, URDF", ".urdf", drake_run),
     ],
     "pybullet": [("PyBullet 3.2.7, URDF", ".urdf", pybullet_run)],
     "newton": [
-        ("Newton 1.8.0, SolverMuJoCo, words of 3.2", "-3.2.xml", "SolverMuJoCo"),
-        ("the same, words of 4.0", "-4.0.xml", "SolverMuJoCo"),
-        ("Newton 1.8.0, SolverFeatherstone, words of 3.2", "-3.2.xml", "SolverFeatherstone"),
+        ("Newton 1.8.0, SolverMuJoCo, dialect 3.2", "-3.2.xml", "SolverMuJoCo"),
+        ("the same, dialect 4.0", "-4.0.xml", "SolverMuJoCo"),
+        ("Newton 1.8.0, SolverFeatherstone, dialect 3.2", "-3.2.xml", "SolverFeatherstone"),
     ],
 }
 

@@ -232,6 +232,7 @@ def overview(all_seen: dict[str, Seen]) -> plt.Figure:
     """The best view of every effect, one beside the other."""
     rows = -(-len(CASES) // 5)
     figure, axes = plt.subplots(rows, 5, figsize=(10.0, 1.75 * rows), layout="constrained")
+    figure.get_layout_engine().set(rect=(0.0, 0.0, 0.99, 1.0))  # room for the last tick
     beside: tuple[str, float] | None = None
     for ax, (slug, (effect, view)) in zip(axes.ravel(), CASES.items(), strict=False):
         scale = None if view is None else (residual_label(slug), view.height)

@@ -57,7 +57,7 @@ def draw(before: Evidence, after: Evidence) -> plt.Figure:
         force -= seen.axis.named_effects()["bias_force"].force
         left.plot(1e3 * v, force, color=colour, linewidth=1.5, label=label)
     left.set(xlabel="velocity [mm/s]", ylabel="friction force [N]")
-    left.legend(frameon=False, loc="lower right", fontsize="small")
+    left.legend(frameon=False, loc="lower right", fontsize="small", markerscale=4)
     pairs = (
         (middle, "force residual\nRMS [N]", [seen.force_rms for seen, *_ in rows], "%.2f"),
         (right, "free runs of 0.25 s\nmedian RMS [µm]", [median(seen) for seen, *_ in rows],

@@ -72,12 +72,12 @@ def tutorial() -> None:
     save(dfc.plot_state_machine(axis), IMAGES / "state_machine.png")
     pushed = axis.simulate(12 * np.sin(3 * np.arange(3000) * 1e-3), dt=1e-3)
     save(pushed.plot(title="pushed by a sine"), IMAGES / "pushed.png")
-    believed = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    machine = believed.replace(effects=(dfc.effects.Spring(stiffness=40.0, rest=0.05),))
+    nominal = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    machine = nominal.replace(effects=(dfc.effects.Spring(stiffness=40.0, rest=0.05),))
     t = np.arange(10000) * 1e-3
     u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
     x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])
-    save(dfc.diagnose(believed, dfc.Record(t=t, u=u, x=x)).plot(), IMAGES / "diagnosed.png")
+    save(dfc.diagnose(nominal, dfc.Record(t=t, u=u, x=x)).plot(), IMAGES / "diagnosed.png")
 
 
 def force_first() -> None:
@@ -101,7 +101,7 @@ def force_first() -> None:
         (out,) = fit.point.out
         row.plot(record.t, out[0] / np.sqrt(np.maximum(out[1], 1e-300)), "C0.", ms=1.5)
         row.axhspan(-2.0, 2.0, color="0.9", lw=0, zorder=0)
-        row.set(ylabel="innovation\n[standard deviations]", ylim=(-8.0, 8.0))
+        row.set(ylabel="innovation\n[standard dev.]", ylim=(-8.0, 8.0))
         row.set_title(f"{name}: random force {fit.random_force():.2g} N", loc="left")
     rows[-1].set_xlabel("Time [s]")
     figure.savefig(IMAGES / "likelihood.png", dpi=110)

@@ -24,7 +24,7 @@ from dryfric_control.text import length_text, percent
 #: What it does and how long that takes, as measured for the README.
 ABOUT = (
     "Four parts: stick-slip, a fit with its replay, the figures of the paper, a diagnosis. About "
-    "26 s of a core; the first time, while code is compiled for later runs too, 116 s."
+    "21 s of a core; the first time, while code is compiled for later runs too, 123 s."
 )
 #: Part of the record that is fitted; the rest is held out.
 TRAINING = 0.6

@@ -74,7 +74,7 @@ def _missing(joint: str, why: Any) -> ValueError:
 
 
 def _in_units(arm: RigidArm, joint: str, record: Record) -> Record:
-    """The record, if its units and its range are those of the joint."""
+    """The record in the units of the joint, if what it states and its range agree with them."""
     length, force = arm.units[joint]
     for role, unit in (("x", length), ("u", force)):
         got = record.units.get(role, unit)
@@ -94,7 +94,9 @@ def _in_units(arm: RigidArm, joint: str, record: Record) -> Record:
             f"joint {joint}: positions run from {least:.4g} to {most:.4g} {length}, the model's "
             f"range is {low:.4g} to {high:.4g} {length}: {hint}?"
         )
-    return record
+    if {"x", "u"} <= set(record.units):
+        return record
+    return record._with_changes(units={"x": length, "u": force} | record.units)
 
 
 def _on_one_clock(found: dict[str, Record]) -> dict[str, Record]:

@@ -379,7 +379,7 @@ def tuned_numbers(row: Row, case: Case, budget: int) -> list[float]:
 def arena_table(budget: int) -> None:
     """Medians of each row in each family."""
     every = families()
-    print(f"\n{'':32}{'velocity [%]':>20}{'friction [%]':>20}{'mode [%]':>20}{'us a sample':>13}")
+    print(f"\n{'':32}{'velocity [%]':>24}{'friction [%]':>24}{'mode [%]':>24}{'us a sample':>13}")
     for row in ROWS:
         medians, times = [], []
         for train, scored in every.values():
@@ -390,7 +390,7 @@ def arena_table(budget: int) -> None:
             times += [process_time(runs[0], 3) / scored[0].record.shape[1]]
         cells = ""
         for name in ("velocity", "friction", "mode"):
-            cells += f"{' / '.join(f'{100 * one[name]:.2f}' for one in medians):>20}"
+            cells += f"{' / '.join(f'{100 * one[name]:.2f}' for one in medians):>24}"
         print(f"{row.name:32}{cells}{1e6 * np.median(times):13.3f}", flush=True)
 
 

@@ -98,7 +98,7 @@ def axes_of(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
     if not units:
         raise ValueError(f"model {path} has no hinge or slide joint with a name: name them")
     found = {}
-    for name, inertia in inertias(model, units).items():
+    for name, inertia in inertias(model, list(units)).items():
         at = int(model.joint(name).dofadr[0])
         damping = float(np.ravel(model.dof_damping[at])[0])
         level = CoulombMap.of(float(model.dof_frictionloss[at]))

@@ -11,6 +11,7 @@ import pytest
 import dryfric_control as dfc
 from dryfric_control.__main__ import main
 from dryfric_control.model.friction_curve import friction_over_velocity
+from dryfric_control.simulators.mujoco_model import axes_of
 
 DT = 2e-3
 T = DT * np.arange(4000)
@@ -320,6 +321,19 @@ def test_round_trip_through_mujoco(arm, stiff, most):
     share = np.sqrt(np.mean(off**2)) / np.std(x)
     print(f"stiff={stiff}: off by {100.0 * share:.2g} % of the standard deviation of the position")
     assert share < most
+
+
+def test_a_model_gives_the_nominal_axes_of_its_joints(tmp_path):
+    """What the command `joints` starts from without a file of axes."""
+    pytest.importorskip("mujoco")
+    path = tmp_path / "arm.xml"
+    path.write_bytes(MJCF)
+    elbow, slider = axes_of(path)["elbow"], axes_of(path)["slider"]
+    assert (elbow.units, slider.units) == (TURNING, ("m", "N"))
+    assert elbow.viscous == 0.05
+    # Its own body and, at a metre, that of the slider; armature of the class.
+    assert elbow.mass == pytest.approx(0.05 + 1e-3 + 1e-3 + 3.0)
+    assert slider.mass == pytest.approx(1e-3 + 3.0)
 
 
 def test_a_stiff_joint_creeps_less(tmp_path):

@@ -96,7 +96,7 @@ def _in_units(arm: RigidArm, joint: str, record: Record) -> Record:
         )
     if {"x", "u"} <= set(record.units):
         return record
-    return record._with_changes(units={"x": length, "u": force} | record.units)
+    return record._with_changes(units={"x": length, "u": force, **record.units})
 
 
 def _on_one_clock(found: dict[str, Record]) -> dict[str, Record]:

@@ -160,7 +160,7 @@ class ModelError(Result):
     @property
     def sentence(self) -> str:
         """What is wrong, in words."""
-        where = ", ".join(f"{1e3 * x:.0f}" for x in self.place)
+        where = ", ".join(f"{round(1e3 * x)}" for x in self.place)
         if self.kind == "payload":
             text = (
                 f"payload {self.value:.3g} ± {self.standard_error:.2g} kg at {self.link}, at "

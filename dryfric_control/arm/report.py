@@ -19,7 +19,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction_curve import draw_curve
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import file_path, write_file
-from dryfric_control.text import table
+from dryfric_control.text import table, typeset_signs
 
 if TYPE_CHECKING:
     from dryfric_control.arm.diagnose_arm import ArmDiagnoses
@@ -75,11 +75,11 @@ def draw_joint(found: ArmDiagnoses, joint: str, left: Any, right: Any) -> None:
     plain = axis.replace(effects=())
     draw_curve(nominal[0], left, fast, span, "nominal", color="C0", ls="--", lw=1.0)
     draw_curve(plain, left, fast, span, "with the causes", color="k", lw=1.2)
-    label_axes(left, f"velocity [{length}/s]", f"friction [{force}]")
+    label_axes(left, f"velocity [{length}/s]", typeset_signs(f"friction [{force}]"))
     right.plot(sliding.t, sliding.u, ".", color=MEASURED, ms=2, label="measured")
     right.plot(*_required_drive(*nominal), "C0--", lw=0.8, label="needed by the model")
     right.plot(*_required_drive(axis, record), "k-", lw=0.8, label="with the causes")
-    label_axes(right, "Time [s]", f"drive [{force}]")
+    label_axes(right, "Time [s]", typeset_signs(f"drive [{force}]"))
     legend_above(right)
 
 

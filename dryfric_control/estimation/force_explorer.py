@@ -300,7 +300,10 @@ class ForceExplorer:
             "base": round_list(base), "columns": {name: round_list(left(**{name: 1.0}) - base)
                                              for name in linear},
             "speeds": round_list(speeds), "peaks": [round_list(one) for one in peaks],
-            "sliders": {name: asdict(one) for name, one in self.sliders.items()},
+            "sliders": {
+                name: asdict(one) | {"unit": typeset_signs(one.unit)}
+                for name, one in self.sliders.items()
+            },
         }).replace("<", "\\u003c")  # fmt: skip
 
     def _repr_png_(self) -> bytes:
@@ -342,7 +345,7 @@ class ForceExplorer:
             row.observe(
                 lambda change, name=name: self._change_values(picture, {name: change.new}), "value"
             )
-            rows.append(widgets.HBox([row, widgets.Label(one.unit)]))
+            rows.append(widgets.HBox([row, widgets.Label(typeset_signs(one.unit))]))
         return widgets.VBox([*rows, picture])
 
     def _change_values(self, picture: Any, values: Mapping[str, float]) -> None:

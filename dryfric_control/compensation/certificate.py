@@ -192,7 +192,7 @@ def loop_matrices(
             memory = np.zeros(kernel.LINE)
             memory[kernel.INNER : kernel.INNER + 5] = state[6:11]
             if bounded:
-                kernel.extended(c, memory, y)
+                kernel.update_extended_state(c, memory, y)
             else:
                 u += c[kernel.RESIDUAL] * kernel.disturbance(c, memory, y)
             if c[kernel.SOURCE] == kernel.EXTENDED:

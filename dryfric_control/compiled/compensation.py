@@ -189,7 +189,7 @@ def _low_pass(memory, at, corner, dt, value):
 
 
 @njit(cache=True, error_model="numpy")
-def extended(c, memory, y):
+def update_extended_state(c, memory, y):
     """Extended state observer: position, velocity and resisting force in memory from INNER."""
     rate, dt = c[VISCOUS] / c[MASS], c[DT]
     x, v, force = memory[INNER], memory[INNER + 1], memory[INNER + 4] - memory[INNER + 2]
@@ -207,7 +207,7 @@ def disturbance(c, memory, y):
         _, v, a = _low_pass(memory, INNER, c[GAIN_X], c[DT], y)
         u, _, _ = _low_pass(memory, INNER + 2, c[GAIN_X], c[DT], memory[INNER + 4])
         return u - c[MASS] * a - c[VISCOUS] * v
-    extended(c, memory, y)
+    update_extended_state(c, memory, y)
     return memory[INNER + 2]
 
 
@@ -373,7 +373,7 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
 
     if c[SOURCE] == LEARNED:
         mode = int(seen[observer.MODE])
-        extended(c, memory, -error)
+        update_extended_state(c, memory, -error)
         speed -= c[SPEED_SHARE] * (memory[INNER + 1] + speed)
         if mode != 0:
             left = _learn(
@@ -453,12 +453,12 @@ def run_loop(numbers, integers, state, law, memory, reference, disturbance, quan
     n = reference.shape[1]
     lead = int(law.numbers[LEAD])
     events = np.empty(64 * room)
-    count = axis_step.tally(events)
+    count = axis_step.empty_tally(events)
     for k in range(n):
         if 3 * count[axis_step.LISTED] + room > events.shape[0]:
             events = axis_step.longer_list(events, count)
-        y = encode(axis_step.reading(plant, k * dt, at), quantum)
+        y = encode(axis_step.encoder_reading(plant, k * dt, at), quantum)
         j = min(k + lead, n - 1)
         u = step(law, memory, reference[0, j], reference[1, j], reference[2, j], y)
         advance_plant(plant, k, dt, at, u, disturbance[k], y, events, count, out)
-    return axis_step.located(events, count[axis_step.LISTED]), count[axis_step.LOST]
+    return axis_step.switch_rows(events, count[axis_step.LISTED]), count[axis_step.LOST]

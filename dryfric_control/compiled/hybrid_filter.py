@@ -556,7 +556,7 @@ def _predict_modes(numbers, plant, memory, s, t, y):
 
 @axis_step.internal
 def _sample(numbers, plant, memory, t, u, y, out, row):
-    s = axis_step.further(memory, LINE + plant.integers[axis_step.N_HISTORY])
+    s = axis_step.offset_address(memory, LINE + plant.integers[axis_step.N_HISTORY])
     dt, cell = numbers[DT], y / numbers[QUANTUM]
     drive = axis_step.input_map(plant, t, memory, u)
     ratio_plus = 0.0

@@ -142,7 +142,7 @@ def _slides(plant, drive, t, h, m, x, v, x1, v1, s):
 
 
 @step.internal
-def _coarse(plant, held, t, h, x, v, rest, fall):
+def _coarse_step(plant, held, t, h, x, v, rest, fall):
     """One sample from a sigma point: position, velocity and mode at its end.
 
     Assumes constant acceleration between switches; the error is far below the width of
@@ -220,9 +220,9 @@ def _random_force(plant, t, dt, memory, u, deviation):
 
 
 @step.internal
-def _touching(plant, memory):
+def _is_in_contact(plant, memory):
     """Whether motor and load touch across a play and move together."""
-    return elastic.meeting(plant, memory) != 0.0 and memory[step.SLIP] == 0.0
+    return elastic.contact_side(plant, memory) != 0.0 and memory[step.SLIP] == 0.0
 
 
 @step.internal
@@ -241,7 +241,7 @@ def _pulled_off(plant, t, dt, memory, u, deviation):
 
 
 @step.internal
-def _beyond(plant, held, t, x, v, rest):
+def _breakaway_excess(plant, held, t, x, v, rest):
     """Side to which the drive pulls, and its excess over what friction can hold, negative below."""
     w = step.load(plant, held, t, 0.0, x, v, 0.0, rest)
     s = 1.0 if w > 0.0 else -1.0
@@ -255,7 +255,7 @@ def _beyond(plant, held, t, x, v, rest):
 
 
 @step.internal(forceinline=True)
-def _alone(plant):
+def _friction_inverse_mass(plant):
     """Inverse mass of the one of two masses that has the friction."""
     return plant.numbers[plant.integers[step.N_NUMBERS] + step.INVERSE_MASS]
 
@@ -294,7 +294,7 @@ def _settle(plant, t, dt, memory, u, y, k, alike):
         drive = step.drive_now(plant, t, dt, memory, u)
         net = drive - numbers[step.VISCOUS] * v - math.copysign(level, v)
         rubs = kind & step.MOTOR_RUBS != 0
-        alone = net * _alone(plant) if rubs else drive * numbers[step.INVERSE_MOTOR]
+        alone = net * _friction_inverse_mass(plant) if rubs else drive * numbers[step.INVERSE_MOTOR]
         if abs(bent - alone) < abs(bent - net * inverse):
             # The motor moves alone: its position within the play is unknown.
             memory[step.OFFSET], memory[step.SLIP] = 0.0, 0.0 if rubs else -v
@@ -302,7 +302,7 @@ def _settle(plant, t, dt, memory, u, y, k, alike):
 
 
 @step.internal
-def _stayed(y, k, gives):
+def _rest_count(y, k, gives):
     """Number of samples for which the readings have been no farther from reading k than `gives`."""
     j = k
     while j > 0 and abs(y[j - 1] - y[k]) <= gives:
@@ -329,7 +329,7 @@ def _predict_near(
     drive, rest = step.drive_now(plant, t, dt, m, 0.5 * (u0 + end)), m[step.REST]
     doubt = 0.0
     if mode == 0:
-        s, beyond = _beyond(plant, step.held_force(drive), t, x, v, rest)
+        s, beyond = _breakaway_excess(plant, step.held_force(drive), t, x, v, rest)
         # The excess of so many samples that is noise grows as their root.
         pulled = max(pulled + beyond, 0.0) if s == pull else max(beyond, 0.0)
         over, pull = over + 1 if pulled > beyond else 1, s
@@ -344,7 +344,7 @@ def _predict_near(
         c = _SPEEDS[i] * width
         if i < 4 or plain or doubt != 0.0:
             felt = drive - (doubt if _FORCES[i] == 0.0 else 0.0)
-            x1, v1, mode1 = _coarse(
+            x1, v1, mode1 = _coarse_step(
                 plant, step.held_force(felt + _FORCES[i] * deviation), t, dt,
                 x + slope * c, v + c, rest, fall,
             )  # fmt: skip
@@ -419,11 +419,11 @@ def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, fi
 def _stiff(plant, x, way, z):
     """Stiffness along a way of bristles deflected by z over that of unstrained ones."""
     s = 1.0 if way > 0.0 else -1.0
-    return max(1.0 - s * z / _longest(plant, x, s), 0.0)
+    return max(1.0 - s * z / _deflection_limit(plant, x, s), 0.0)
 
 
 @step.internal
-def _longest(plant, x, s):
+def _deflection_limit(plant, x, s):
     """Largest deflection of a contact for motion along s."""
     level = step.base_level(plant, x, s) * (1.0 + plant.numbers[step.EXCESS])
     return max(level, 1e-300) / plant.numbers[step.CONTACT_STIFFNESS]
@@ -482,7 +482,7 @@ def _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d):
 
 
 @step.internal
-def _swung(by_x, by_v, gives, keeps, dt, inverse, variance, p, g, d, c0, c1, anchor):
+def _elastic_covariance(by_x, by_v, gives, keeps, dt, inverse, variance, p, g, d, c0, c1, anchor):
     """Covariance after one sample on an elastic contact, with the place where it is unstrained.
 
     `by_x`, `by_v`: slopes of the acceleration with the deflection and the velocity; the deflection
@@ -524,7 +524,7 @@ def _swung(by_x, by_v, gives, keeps, dt, inverse, variance, p, g, d, c0, c1, anc
 
 
 @step.internal
-def _turned(p, g, d):
+def _swap_states(p, g, d):
     """The same covariance with the states in the other order."""
     total = d + g * g * p
     if total <= 0.0:
@@ -538,9 +538,9 @@ def _velocity(plant, t, m, dx):
     on_load = plant.integers[step.STRUCTURE] & step.ON_LOAD != 0
     x, v = m[step.X], m[step.V] + (m[step.SLIP] if on_load else 0.0)
     if plant.integers[step.N_READING] > 0:
-        here = step.reading(plant, t, m)
+        here = step.encoder_reading(plant, t, m)
         m[step.X] = x + dx
-        v *= (step.reading(plant, t, m) - here) / (m[step.X] - x)
+        v *= (step.encoder_reading(plant, t, m) - here) / (m[step.X] - x)
         m[step.X] = x
     return v
 
@@ -582,7 +582,7 @@ def _begin(plant, m, t0, dt, rested, u0, y, v0, place, alike):
 
 
 @step.internal
-def _gives(plant, x, alike):
+def _stuck_motion(plant, x, alike):
     """Farthest that the encoder can move while friction holds what it acts on."""
     numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
     level = step.base_level(plant, x, 1.0)
@@ -596,7 +596,7 @@ def _gives(plant, x, alike):
 
 
 @step.internal
-def _across(m, on_load, x, v, moved, turned):
+def _correct_play(m, on_load, x, v, moved, turned):
     """Corrected motion across a play: a reading says nothing about the mass without the encoder."""
     if on_load:
         x, v = x - moved, v - turned
@@ -620,12 +620,12 @@ def _not_as_predicted(
     if plant.integers[step.STRUCTURE] != 0:
         # The inner states were wrong: set them from the readings.
         off = _settle(plant, t + dt, dt, m, end, y, k, alike)
-        x = m[step.X] + y[k] - step.reading(plant, t + dt, m)
+        x = m[step.X] + y[k] - step.encoder_reading(plant, t + dt, m)
         v = m[step.V]
         m[step.MODE] = 0.0
         if v == 0.0:
-            m[step.REST] = _stayed(y, k, gives) * dt
-        two_masses.joined(cov, spot, off * off, strain, 1.0)
+            m[step.REST] = _rest_count(y, k, gives) * dt
+        two_masses.rigid_covariance(cov, spot, off * off, strain, 1.0)
         if fast:
             return reading, kept, False, x, v, 0.0, off * off, 0.0, spot
         return 0.0, kept, False, x, v, 0.0, spot, 0.0, off * off
@@ -645,7 +645,7 @@ def _not_as_predicted(
 
 
 @step.internal
-def _fastest(y, least):
+def _largest_increment(y, least):
     """Largest step from one reading to the next, at least `least`."""
     for k in range(1, y.shape[0]):
         least = max(least, abs(y[k] - y[k - 1]))
@@ -653,10 +653,10 @@ def _fastest(y, least):
 
 
 @step.internal(forceinline=True)
-def _held(plant, x, z):
+def _clip_deflection(plant, x, z):
     """Deflection of bristles up to what they hold: they would let go of it only along a way."""
     s = math.copysign(1.0, z)
-    return s * min(s * z, _longest(plant, x, s))
+    return s * min(s * z, _deflection_limit(plant, x, s))
 
 
 @step.internal
@@ -755,8 +755,8 @@ def _innovations(
     # One array, which the loop keeps alive: an array handed on would be counted at each call.
     memory = np.zeros(size + step.ROOM + 10)
     m = step.pointer(memory)
-    events, points = step.further(m, size), step.further(m, size + step.ROOM)
-    count = step.tally(memory[size : size + step.ROOM], step.FEW_SWITCHES)
+    events, points = step.offset_address(m, size), step.offset_address(m, size + step.ROOM)
+    count = step.empty_tally(memory[size : size + step.ROOM], step.FEW_SWITCHES)
     counted = step.pointer(count)
     structure = integers[step.STRUCTURE]
     contact = structure & step.CONTACT != 0
@@ -773,17 +773,17 @@ def _innovations(
     fast = w.shape[0] > 0
     at, scale = (1, FIRST * dt) if fast else (0, 1.0)
     spot = scale * scale * reading
-    farthest = _FASTER * _fastest(y, _FASTER * scale * cell)
+    farthest = _FASTER * _largest_increment(y, _FASTER * scale * cell)
     begin = min(FIRST, n - 1)
     v0 = (y[begin] - y[0]) / (begin * dt)
     still, alike = 0, scale * max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
     _begin(plant, m, t0, dt, rested, u[0], y, v0, place, alike)
-    rubs, on_motor = two_masses.rubbing(structure), structure & step.MOTOR_RUBS != 0
+    rubs, on_motor = two_masses.friction_state(structure), structure & step.MOTOR_RUBS != 0
     two = spring or (play and not on_load)
     inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
     p, g = spot, 0.0
     d = 0.1 * v0 * v0 + 4.0 * spot / (begin * dt) ** 2 + force * (dt * inverse) ** 2
-    level, gives = step.base_level(plant, y[0], 1.0), _gives(plant, y[0], alike)
+    level, gives = step.base_level(plant, y[0], 1.0), _stuck_motion(plant, y[0], alike)
     n_states = 5 if contact else 4
     cov, work = np.zeros((n_states, n_states)), np.zeros((n_states, n_states))
     slides, rests, strain = cov, cov, 0.0
@@ -791,7 +791,9 @@ def _innovations(
         slides, rests = two_masses.transition(plant, dt, 1.0), two_masses.transition(plant, dt, 0.0)
         # A load at rest may pull at the spring with any force that friction holds.
         strain = (level / numbers[step.STIFFNESS]) ** 2 / 3.0
-        two_masses.joined(cov, p, d, 0.0 if memory[step.MODE] != 0.0 else strain, memory[step.MODE])
+        two_masses.rigid_covariance(
+            cov, p, d, 0.0 if memory[step.MODE] != 0.0 else strain, memory[step.MODE]
+        )
     row, side, kept = 0, 0.0, False
     over = 1
     pulled = 0.0
@@ -813,7 +815,7 @@ def _innovations(
         x, v, mode = memory[step.X], memory[step.V], int(memory[step.MODE])
         before = v = v + memory[step.SLIP] if on_load else v
         # Motor and load that touch across a play are one mass.
-        two = play and not on_load and not _touching(plant, m)
+        two = play and not on_load and not _is_in_contact(plant, m)
         loose, two = two and on_motor, two and not on_motor
         inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
         if mode == 0 and not contact and abs(v) > numbers[step.STICK_SPEED]:
@@ -844,7 +846,9 @@ def _innovations(
             )  # fmt: skip
         elif spring:
             stops = contact and not sliding and not strained
-            unknown = two_masses.stopped(cov, rubs, unknown) if stops else unknown * (not sliding)
+            unknown = (
+                two_masses.stick_contact(cov, rubs, unknown) if stops else unknown * (not sliding)
+            )
             strained = contact and not sliding
             count[0] = 0
             step.sample(plant, t, dt, u[k - 1], end, m, events, counted)
@@ -853,7 +857,7 @@ def _innovations(
             pinned = rubs if memory[step.MODE] == 0.0 and not contact else -1
             two_masses.predict(slides if moves else rests, cov, force, pinned, work)
             if pinned == 0:
-                _may_break_away(cov, variance, dt, _alone(plant))
+                _may_break_away(cov, variance, dt, _friction_inverse_mass(plant))
             p = cov[0, 0] = cov[0, 0] + (_CREEP if pinned == 0 else 1e-6) * spot
         else:
             by_x, by_v, gives_way = _predict(
@@ -865,8 +869,8 @@ def _innovations(
                 # Across the play nothing holds the motor.
                 by_x, by_v, variance = 0.0, 0.0, force
             if loose:
-                lighter = _alone(plant) / inverse if sliding else 1.0
-                by_x, by_v, inverse = lighter * by_x, lighter * by_v, _alone(plant)
+                lighter = _friction_inverse_mass(plant) / inverse if sliding else 1.0
+                by_x, by_v, inverse = lighter * by_x, lighter * by_v, _friction_inverse_mass(plant)
             sticking = contact and not sliding and not two
             unknown = 0.0 if sliding else unknown
             if sticking and not strained:
@@ -877,7 +881,7 @@ def _innovations(
                 if bristles:
                     way = numbers[step.CONTACT_STIFFNESS] * abs(memory[step.X] - x)
                     keeps = math.exp(-way / level)
-                p, g, d, c0, c1, anchor = _swung(
+                p, g, d, c0, c1, anchor = _elastic_covariance(
                     by_x, by_v, gives_way, keeps, dt, inverse, variance, p, g, d, c0, c1, anchor
                 )
             else:
@@ -900,10 +904,10 @@ def _innovations(
             if fast:
                 e = w[k] - _velocity(plant, t + dt, m, dx)
                 by = w[k] - e - before
-                p, g, d = (cov[1, 1], g, d) if spring else _turned(p, g, d)
+                p, g, d = (cov[1, 1], g, d) if spring else _swap_states(p, g, d)
                 c0, c1 = c1, c0
             else:
-                e, by = y[k] - step.reading(plant, t + dt, m), v * dt
+                e, by = y[k] - step.encoder_reading(plant, t + dt, m), v * dt
             s = p + reading
             e, outside, counts = _in_cell(e, by, cell, reading)
             out[0, k], out[1, k] = outside, reading + counts * p
@@ -936,16 +940,16 @@ def _innovations(
             state[4, k], state[5, k] = by_x, by_v
             p = gain * noise
             if fast:
-                p, g, d = _turned(p, g, d)
+                p, g, d = _swap_states(p, g, d)
                 c0, c1 = c1, c0
             x += by_x * e
             v += by_v * e
-            if play and not _touching(plant, m):
-                x, v = _across(m, on_load, x, v, by_x * e, by_v * e)
+            if play and not _is_in_contact(plant, m):
+                x, v = _correct_play(m, on_load, x, v, by_x * e, by_v * e)
             memory[step.X], memory[step.V] = x, v
             if contact and not spring and memory[step.MODE] == 0.0:
                 z = memory[step.DEFLECTION] + by_x * e - to_anchor * outside
-                memory[step.DEFLECTION] = _held(plant, x, z) if bristles else z
+                memory[step.DEFLECTION] = _clip_deflection(plant, x, z) if bristles else z
         if not (abs(x - y[0]) < _LOST * span and abs(v) * dt < farthest):
             out[0, k:n], out[1, k:n] = np.inf, 1.0
             return

@@ -44,7 +44,7 @@ def cost(out, active):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def profiled(out, active, turns):
+def profile_cost(out, active, turns):
     """`cost` with one factor of all variances fitted in some turns; nan without a number."""
     ratios, count, logs, product = np.empty(out.shape[1]), 0, 0.0, 1.0
     for k in range(out.shape[1]):

@@ -29,7 +29,7 @@ class Recursion(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
-def respond(force, reading, r, out):
+def innovation_change(force, reading, r, out):
     """Change of the innovations if the model gains forces and reading errors, shape (n or 0, c)."""
     n, c = out.shape
     forced, read = force.shape[0] == n, reading.shape[0] == n

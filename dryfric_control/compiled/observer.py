@@ -264,4 +264,4 @@ def run(
         if known.shape[0] > 0:
             axis_step.set_known_force(tables.plant, k * numbers[DT], numbers[DT], known, k, False)
         _sample(tables, state, k * numbers[DT], u[k], y[k], rows, OUTPUTS * k)
-    axis_step.keep(own)
+    axis_step.keep_alive(own)

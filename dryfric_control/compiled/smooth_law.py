@@ -102,7 +102,7 @@ def _jacobian(plant, law, drive, t0, tau, y, unit, h, slopes, work):
 
 
 @step.internal
-def _solved(slopes, q, right, out):
+def _solve_stage(slopes, q, right, out):
     """Solution `out` of (q - J) out = right for a Jacobian whose first row is (0, 1, 0)."""
     bristles = q - slopes[2, 2]
     coupled = slopes[2, 1] / bristles
@@ -127,7 +127,7 @@ def _stride(plant, law, drive, t0, tau, y, h, slopes, stages, at, work):
             for k in range(i):
                 right += _C[i, k] / h * stages[k, j]
             work[1, j] = right
-        _solved(slopes, 1.0 / (h * _GAMMA), work[1], stages[i])
+        _solve_stage(slopes, 1.0 / (h * _GAMMA), work[1], stages[i])
     for j in range(3):
         at[j] += stages[5, j]
 

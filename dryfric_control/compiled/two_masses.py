@@ -2,7 +2,7 @@
 
 Its four states are position and velocity of the motor and the same of the load; with an elastic
 contact the position at which the contact is unstrained is a fifth.  One of the masses has the
-friction, see `rubbing`.
+friction, see `friction_state`.
 """
 # mypy: disallow-untyped-defs=False
 
@@ -17,7 +17,7 @@ _SQUARED = 6
 
 
 @step.internal(forceinline=True)
-def rubbing(kind):
+def friction_state(kind):
     """State that is the position of the mass with friction."""
     return 0 if kind & step.MOTOR_RUBS else 2
 
@@ -30,7 +30,7 @@ def transition(plant, dt, mode):
     stiffness, damping = numbers[step.STIFFNESS], numbers[step.DAMPING]
     free = numbers[step.INVERSE_MOTOR]
     rubs = numbers[plant.integers[step.N_NUMBERS] + step.INVERSE_MASS]
-    contact, b = kind & step.CONTACT != 0, rubbing(kind)
+    contact, b = kind & step.CONTACT != 0, friction_state(kind)
     n, a = 5 if contact else 4, 2 - b
     rates = np.zeros((n + 2, n + 2))
     rates[a, a + 1] = 1.0
@@ -81,7 +81,7 @@ def predict(moves, cov, force, pinned, work):
 
 
 @step.internal
-def stopped(cov, at, unknown):
+def stick_contact(cov, at, unknown):
     """Set a contact that begins to stick in cov; its strain is uncertain by `unknown` besides."""
     for i in range(5):
         cov[4, i] = cov[at, i]
@@ -103,7 +103,7 @@ def correct(cov, at, variance, work):
 
 
 @step.internal
-def joined(cov, place, speed, strain, mode):
+def rigid_covariance(cov, place, speed, strain, mode):
     """Covariance of two masses that move as one, by variances; `strain`: of their distance."""
     cov[:] = 0.0
     cov[0, 0] = cov[0, 2] = cov[2, 0] = place

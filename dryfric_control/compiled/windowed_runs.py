@@ -111,7 +111,7 @@ def _run_of(axis):
     numbers = axis.numbers.copy()
     plant = axis_step.point(numbers, axis.integers)
     events = np.empty(axis_step.ROOM)
-    count = axis_step.tally(events, axis_step.FEW_SWITCHES)
+    count = axis_step.empty_tally(events, axis_step.FEW_SWITCHES)
     return _Run(numbers, plant, np.zeros(axis.memory), events, count)
 
 
@@ -122,34 +122,34 @@ def _input(u, k, end):
 
 
 @axis_step.internal
-def _held(plant, state, u, k, end):
+def _mapped_input(plant, state, u, k, end):
     """Drive of sample k after the input map."""
     return axis_step.input_map(plant, 0.0, state, _input(u, k, end))
 
 
 @axis_step.internal
-def _lagged(plant, w, k, state):
+def _lag_state(plant, w, k, state):
     """Lagged drive at sample k, from the inputs of the ten time constants before."""
     u, dt = w.u, w.dt
     lag, delay = plant.numbers[axis_step.LAG], plant.numbers[axis_step.DELAY]
     whole = int(delay / dt)
     part = delay / dt - whole
     back = min(k, int(10.0 * lag / dt) + whole + 2)
-    value = _held(plant, state, u, k - back - whole, 0)
+    value = _mapped_input(plant, state, u, k - back - whole, 0)
     for i in range(k - back, k):
         # The older input acts during the fraction of the sample covered by the delay.
-        old = _held(plant, state, u, i - whole - 1, 0)
-        new = _held(plant, state, u, i - whole, 0)
+        old = _mapped_input(plant, state, u, i - whole - 1, 0)
+        new = _mapped_input(plant, state, u, i - whole, 0)
         if w.first:
             old = 0.5 * (old + new)
-            new = 0.5 * (new + _held(plant, state, u, i - whole, 1))
+            new = 0.5 * (new + _mapped_input(plant, state, u, i - whole, 1))
         value = old + (value - old) * np.exp(-part * dt / lag)
         value = new + (value - new) * np.exp(-(1.0 - part) * dt / lag)
     return value
 
 
 @axis_step.internal
-def _keep(memory, inner):
+def _copy_inner(memory, inner):
     """Copy the inner states at one instant into `inner`."""
     inner[0], inner[1] = memory[axis_step.DEFLECTION], memory[axis_step.OFFSET]
     inner[2], inner[3] = memory[axis_step.SLIP], memory[axis_step.MODE]
@@ -186,11 +186,11 @@ def _begin(run, w, i, x0, v0, inner):
         memory[axis_step.HISTORY + 2 * j] = _input(w.u, a - 1 - j, 0)
         memory[axis_step.HISTORY + 2 * j + 1] = _input(w.u, a - 1 - j, end)
     if plant.numbers[axis_step.LAG] > 0.0:
-        memory[axis_step.LAGGED] = _lagged(plant, w, a, state)
+        memory[axis_step.LAGGED] = _lag_state(plant, w, a, state)
     if plant.integers[axis_step.STRUCTURE] != 0:
         if np.isnan(inner[0]):
             axis_step.settle(plant, w.t0 + a * w.dt, w.dt, state, w.u[a])
-            _keep(memory, inner)
+            _copy_inner(memory, inner)
         _restore(plant, inner, memory)
         if plant.integers[axis_step.STRUCTURE] & axis_step.ON_LOAD:
             # The start state is that of the load.
@@ -231,7 +231,7 @@ def _free_run(run, w, i, x0, v0, inner, out):
     _begin(run, w, i, x0, v0, inner)
     state = axis_step.pointer(memory)
     switches, counted = axis_step.pointer(run.events), axis_step.pointer(run.count)
-    out[a] = axis_step.reading(run.plant, w.t0 + a * w.dt, state)
+    out[a] = axis_step.encoder_reading(run.plant, w.t0 + a * w.dt, state)
     for k in range(a, b):
         run.count[0] = 0
         end = w.u[min(k + 1, last)] if w.first else w.u[k]
@@ -240,13 +240,13 @@ def _free_run(run, w, i, x0, v0, inner, out):
             axis_step.set_known_force(run.plant, t, w.dt, w.known, k, w.first)
         axis_step.sample(run.plant, t, w.dt, w.u[k], end, state, switches, counted)
         if k + 1 < b:
-            out[k + 1] = axis_step.reading(run.plant, w.t0 + (k + 1) * w.dt, state)
+            out[k + 1] = axis_step.encoder_reading(run.plant, w.t0 + (k + 1) * w.dt, state)
 
 
 @axis_step.internal
 def _end(memory, after):
     """Copy what a run passes on: its inner states and its time at rest."""
-    _keep(memory, after)
+    _copy_inner(memory, after)
     at_rest = memory[axis_step.MODE] == 0.0
     after[axis_step.N_INNER] = memory[axis_step.REST] if at_rest else 0.0
 
@@ -259,7 +259,7 @@ def _copy(source, a, b, target):
 
 
 @axis_step.internal
-def _needed(active, linked, i):
+def _must_run(active, linked, i):
     """Whether a window must run: requested, or linked to a next one that is."""
     return active[i] or (linked and i + 1 < active.shape[0] and active[i + 1])
 
@@ -376,7 +376,7 @@ def project(axis, w, search, at):
     scratch, starts = (np.empty(n), np.empty(n), np.empty(n)), at.starts
     for i in range(w.edges.shape[0] - 1):
         a, b, active = w.edges[i], w.edges[i + 1], search.active[i]
-        if not _needed(search.active, search.linked, i):
+        if not _must_run(search.active, search.linked, i):
             inner[:] = np.nan
             continue
         _inner_at(run, w, i, starts[2, i], inner)
@@ -436,7 +436,7 @@ def accelerations(numbers, integers, t, x, v, u, known, direction, out):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def strained(x, distance, share, bristles, out):
+def contact_deflection(x, distance, share, bristles, out):
     """Deflection of an elastic contact along a motion, over that at which it slides."""
     for k in range(x.shape[0]):
         way = (x[k] - x[k - 1]) / distance if k > 0 else 0.0
@@ -459,12 +459,12 @@ def behind_drive_and_encoder(axis, t0, dt, u, first, y, force, x):
     lag, delay = plant.numbers[axis_step.LAG], plant.numbers[axis_step.DELAY] / dt
     whole = int(delay)
     part = delay - whole
-    lagged = _held(plant, state, u, 0, 0)
+    lagged = _mapped_input(plant, state, u, 0, 0)
     for k in range(last + 1):
         mean = 0.0
         for late, share in ((whole, 1.0 - part), (whole + 1, part)):
-            start = _held(plant, state, u, k - late, 0)
-            end = _held(plant, state, u, k - late, 1) if first else start
+            start = _mapped_input(plant, state, u, k - late, 0)
+            end = _mapped_input(plant, state, u, k - late, 1) if first else start
             mean += 0.5 * share * (start + end)
         if lag > 0.0:
             new = mean + (lagged - mean) * np.exp(-dt / lag)

@@ -145,7 +145,9 @@ def profiled_cost(likelihood: Likelihood, point: Point) -> float:
     if not point.out:
         return math.inf
     pairs = zip(likelihood.runs, point.out, strict=True)
-    total = sum(compiled.profiled(out, run.active, NOISE_SCALE_ITERATIONS) for run, out in pairs)
+    total = sum(
+        compiled.profile_cost(out, run.active, NOISE_SCALE_ITERATIONS) for run, out in pairs
+    )
     return total if math.isfinite(total) else math.inf
 
 

@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 
 from dryfric_control.arrays import Floats
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.compiled.linear import Recursion, adjoint, respond
+from dryfric_control.compiled.linear import Recursion, adjoint, innovation_change
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.estimation.likelihood import Likelihood, Point, recursion
@@ -70,14 +70,14 @@ class Linearised(ModelView):
         self.direction = np.sign(states[2])
 
     def columns(self, force: Floats, reading: Floats) -> Floats:
-        """Weighted changes of the innovations, shape (n, c), see `respond`."""
+        """Weighted changes of the innovations, shape (n, c), see `innovation_change`."""
         out = np.zeros((self.x.size, max(force.shape[1], reading.shape[1])))
         if self.imposed:
             # The innovation is the force that the model would need beside the drive.
             return -force * self.scale[:, None]
         for part, one in zip(self.slices, self.recursions, strict=True):
             f, r = (np.ascontiguousarray(a[part]) for a in (force, reading))
-            respond(f, r, one, out[part])
+            innovation_change(f, r, one, out[part])
         out *= self.scale[:, None]
         return out
 

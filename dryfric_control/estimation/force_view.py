@@ -17,7 +17,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats, Ints
 from dryfric_control.compiled.likelihood import FIRST
-from dryfric_control.compiled.windowed_runs import strained
+from dryfric_control.compiled.windowed_runs import contact_deflection
 from dryfric_control.estimation.force_residual import Sliding
 from dryfric_control.estimation.likelihood import Likelihood, Run, prepare
 from dryfric_control.model.axis import FrictionAxis
@@ -49,7 +49,7 @@ class ForceRun(Run):
         level = 0.5 * sum(float(axis.coulomb(np.mean(self.record.x), s)) for s in (1, -1))
         share = np.empty(len(self.record))
         start = float(one.direction[0])
-        strained(self.record.x, level / contact, start, bristles > 0.0, share)
+        contact_deflection(self.record.x, level / contact, start, bristles > 0.0, share)
         share = share[self.index]
         ahead, back = (one.force_residual(axis, np.full_like(one.direction, s)) for s in (1, -1))
         return np.asarray(0.5 * ((1.0 + share) * ahead + (1.0 - share) * back))

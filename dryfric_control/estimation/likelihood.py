@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dryfric_control.compiled import innovations as hybrid
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.compiled.axis_step import ALLOWED, N_NUMBERS
-from dryfric_control.compiled.linear import Recursion, respond
+from dryfric_control.compiled.linear import Recursion, innovation_change
 from dryfric_control.compiled.windowed_runs import accelerations
 from dryfric_control.estimation.parameters import (
     SHIFT,
@@ -583,7 +583,9 @@ class Likelihood:
             before = point.rates.setdefault(i, rate(axis))
         force = np.where(direction != 0, axis.mass * (rate(there) - before), 0.0)[:, None]
         out = np.zeros((direction.size, 1))
-        respond(force, force[:0], recursion(axis, run.record.dt, states, run.w.size > 0), out)
+        innovation_change(
+            force, force[:0], recursion(axis, run.record.dt, states, run.w.size > 0), out
+        )
         seen = point.out[i][1] > 0.0
         slope[0, seen] = np.clip(out[seen, 0] / np.sqrt(point.out[i][1, seen]), -1.0, 1.0)
         slope[0] /= moved[j] - z[j]

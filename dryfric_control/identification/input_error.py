@@ -8,7 +8,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.compiled.linear import Recursion, respond
+from dryfric_control.compiled.linear import Recursion, innovation_change
 from dryfric_control.compiled.windowed_runs import accelerations
 from dryfric_control.estimation.input_noise import noise_of, without_noise
 from dryfric_control.estimation.likelihood import Run, recursion
@@ -60,7 +60,7 @@ def input_bias(found: Solution, seed: int = 0) -> Floats:
 def _response(force: Floats, linear: Recursion) -> Floats:
     """Change of the innovations under model forces, shape (n, ncolumns)."""
     out = np.zeros_like(force)
-    respond(force, force[:0], linear, out)
+    innovation_change(force, force[:0], linear, out)
     return out
 
 

@@ -12,7 +12,7 @@ from dryfric_control.arrays import Bools
 NEAR = 1e-10
 
 
-def above(a: ArrayLike, b: ArrayLike, least: float = 0.0) -> Bools:
+def exceeds(a: ArrayLike, b: ArrayLike, least: float = 0.0) -> Bools:
     """Whether a > b + 1e-10 abs(b) + least: numbers exceed a limit by more than round-off."""
     return np.asarray(np.asarray(a) > np.asarray(b) + NEAR * np.abs(b) + least)
 

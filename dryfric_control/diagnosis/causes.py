@@ -128,7 +128,7 @@ def _effects_of(
     """The effects of a model as causes, those with most evidence first."""
     problem, found = search.problem, []
     for name in sorted(model.causes, key=lambda n: -model.worth.get(n, 0.0)):
-        own = {n.partition(".")[2]: n for n in model.own(name) if n in fitted}
+        own = {n.partition(".")[2]: n for n in model.cause_parameters(name) if n in fitted}
         less, fall = model.less.get(name), np.zeros(1)
         if less is not None and less.fit.point.out:
             fall = less.fit.held_out() - model.fit.held_out()
@@ -211,14 +211,14 @@ def _alternative_effects(search: Search, final: Solution, cause: Cause) -> tuple
     problem = replace(search.problem, known=(*search.problem.known, *cause.parameters))
     other = Search(problem, odds=dict(search.odds))
     among = other.rivals_of_base(final)
-    rows = other.round(Model(other.alone()), final, among) if among else []
+    rows = other.round(Model(other.fit_nominal()), final, among) if among else []
     alone = (row for row in rows if len(row.names) == 1 and not row.reason)
     return tuple(row.names[0] for row in alone if row.fit.cost < final.cost + EQUAL_EVIDENCE)
 
 
 def _load_does_the_same(problem: Problem, model: Model, final: Solution, held: str) -> bool:
     """Whether load-dependent friction, with base parameter `held` at nominal, fits as well."""
-    if _LOAD not in REGISTRY or _LOAD in model.causes or problem.late:
+    if _LOAD not in REGISTRY or _LOAD in model.causes or problem.is_overdue:
         return False
     values, nominal = final.values(), problem.nominal[held]
     shares = [p.name for p in final.problem.parameters if p.kind == "share"]
@@ -259,7 +259,7 @@ def varying_parameters(
     free = problem.free_of(final)
     names = [n for n in dict.fromkeys((*BASE, *free)) if n not in problem.known]
     penalty = 0.5 * math.log(problem.samples) * (count - 1)
-    while count > 1 and not problem.late:
+    while count > 1 and not problem.is_overdue:
         best: tuple[float, str, Solution] | None = None
         for name in (n for n in names if n not in own):
             one = replace(problem, own=(*own, name))
@@ -308,7 +308,7 @@ def changing_cause(search: Search, model: Model, final: Solution) -> str:
     falls = {"": search.problem.nominal_fit.cost - final.cost + prior_of(final)}
     own = {"": {*final.problem.names}} | {name: {name} for name in BASE}
     for name in model.causes:
-        own[name], less = {*model.own(name)}, model.less.get(name)
+        own[name], less = {*model.cause_parameters(name)}, model.less.get(name)
         if less is not None:
             falls[name] = less.fit.cost - prior_of(less.fit) - model.fit.cost + prior_of(model.fit)
     halves = {name: final.in_halves(names) for name, names in own.items()}

@@ -58,7 +58,7 @@ from dryfric_control.estimation.plausibility import (
 )
 from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FINAL_ITERATIONS, maximise
 from dryfric_control.estimation.solution import Solution
-from dryfric_control.estimation.windows import Windows, cut, shifted
+from dryfric_control.estimation.windows import Windows, cut, delay_input
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.progress import ProgressLine
@@ -259,7 +259,7 @@ def _search_and_judge(
     """Search for causes, judge what they explain, and describe them."""
     tell("base parameters")
     search, model, interrupted = _search(problem, tell)
-    late = search.problem.late
+    late = search.problem.is_overdue
     message = [_INTERRUPTED] if interrupted else [LATE] if late else []
     answer = functools.partial(
         _Answer, search, model, problem.runs, records, windows, window, tell, end
@@ -378,7 +378,7 @@ class _Answer:
         self.messages.append(
             f"the recorded input acts {early} before its time stamp: d.record has it shifted"
         )
-        self.records = [r.replace(u=shifted(r.u, shift / r.dt)) for r in self.records]
+        self.records = [r.replace(u=delay_input(r.u, shift / r.dt)) for r in self.records]
         self.windows = [cut(r, self.window, self.problem.hold) for r in self.records]
 
     def _judge_fit(self, fit: Solution) -> None:
@@ -441,7 +441,7 @@ class _Answer:
             found.append(_MUTED)
         if problem.scale_open:
             found.append(_RATIOS)
-        if problem.imposed:
+        if problem.is_imposed:
             found += [_IMPOSED] + [_ONE_VELOCITY] * problem.steady
         pairs = zip(self.recorded, problem.runs, strict=True)
         noise = math.sqrt(np.mean(np.concatenate([a.u - b.u for a, b in pairs]) ** 2))
@@ -464,7 +464,7 @@ class _Answer:
 def _reference_costs(problem: Problem) -> dict[str, float]:
     """Costs of the models that an answer must beat."""
     costs = {"nominal axis": problem.nominal_fit.cost}
-    if not problem.imposed:
+    if not problem.is_imposed:
         costs["straight line"] = problem.straight_line.cost
     return costs
 
@@ -485,7 +485,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         if found is not None:
             return *found, False
         search = Search(problem, tell, search.not_tried, now=search.now)
-        begun = search.alone()
+        begun = search.fit_nominal()
         # The least smoothing: a smoother input may hide that it does not cause the motion.
         problem = search.problem = denoised_inputs(problem, recorded, begun, most=False)
         if problem.runs is not recorded:
@@ -495,7 +495,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
             found = _by_force(search, begun)
             if found is not None:
                 return *found, False
-        first = search.best(Model(begun))
+        first = search.best_proposal(Model(begun))
         fall = 0.0 if first is None else begun.cost - first.fit.cost
         early = (
             with_input_lead(problem, begun) if REMAINING_GAIN_RATIO * search.early > fall else None
@@ -528,7 +528,7 @@ def _force_first(search: Search, recorded: Sequence[Any]) -> tuple[Search, Model
     if any(a.u is not b.u for a, b in zip(recorded, problem.runs, strict=True)):
         fit = _continue_fit(problem, fit, COMPARISON_ITERATIONS)
     search.now = Model(fit, found.causes)
-    begin = search.pruned(search.now)
+    begin = search.eliminate_causes(search.now)
     if builds_up:
         begin = search.after_reversals(search.now, begin)
     model = search.run(begin)
@@ -550,10 +550,10 @@ def _by_force(search: Search, begun: Solution) -> tuple[Search, Model] | None:
     if other is None:
         return None
     found = other.run(other.now)
-    there = None if problem.late else driven_model(problem, begun, found)
+    there = None if problem.is_overdue else driven_model(problem, begun, found)
     if there is not None:
         motion = Search(problem, search.tell, search.not_tried, now=there)
-        model = motion.run(motion.pruned(there))
+        model = motion.run(motion.eliminate_causes(there))
         if problem.clear_of_line(model.fit):
             return motion, model
     return (other, found) if problem.behind_line(begun) else None
@@ -564,7 +564,7 @@ def _search_other_inputs(
 ) -> tuple[Search, Model] | None:
     """The search continued with inputs that suit the causes found, if others do."""
     problem = search.problem
-    if problem.late:
+    if problem.is_overdue:
         return None
     other = denoised_inputs(problem, recorded, model.fit, most=True)
     fit = model.fit
@@ -584,7 +584,7 @@ def _search_other_inputs(
         other, search.tell, search.not_tried, dict(search.odds), search.first, before=search,
     )  # fmt: skip
     again.now = Model(fit, model.causes)
-    return again, again.run(again.pruned(again.now))
+    return again, again.run(again.eliminate_causes(again.now))
 
 
 def _verdict(

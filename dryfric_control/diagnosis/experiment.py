@@ -21,7 +21,7 @@ from dryfric_control.model.effects.naming import class_of, title_of, titles_of
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import file_path, replace_file
 from dryfric_control.text import Result, documented, rotary_words, stated
-from dryfric_control.ties import above, stable_order
+from dryfric_control.ties import exceeds, stable_order
 from dryfric_control.units import check_units
 
 # Mean of log(1 + (error/quantum)^2) over the windows, the largest left out (one mistimed
@@ -255,10 +255,10 @@ def _search(
         # so that the search in this order can stop early.
         upper = list(map(_separation_merit, raw))
         for k in stable_order(-np.array(upper)):
-            if not above(upper[k], best):
+            if not exceeds(upper[k], best):
                 break
             pairs = _distances(stages[k], quantum, refits, raw[k])
-            if above(_separation_merit(pairs), best):
+            if exceeds(_separation_merit(pairs), best):
                 best, chosen, left = _separation_merit(pairs), stages[k], pairs
         if left and all(pair.is_sufficient for pair in left):
             break

@@ -103,9 +103,9 @@ class ForceView(ModelView):
             unit = max(float(np.sqrt(np.mean(left**2) * time)), 1e-300)
         self.scale = 1.0 / unit
         self.y = self.y * self.scale
-        self.count = self.independent(left)
+        self.count = self.effective_sample_size(left)
 
-    def independent(self, left: Floats) -> float:
+    def effective_sample_size(self, left: Floats) -> float:
         return left.size / self.correlation_time(left)
 
     def correlation_time(self, left: Floats) -> float:

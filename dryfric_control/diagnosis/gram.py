@@ -52,8 +52,8 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.columns import (
     Column,
     View,
-    added,
     difference,
+    effect_contribution,
     secant,
     simulated_column,
 )
@@ -224,7 +224,7 @@ class Gram:
         for one in self.items:
             self.least[one.at[0]] = 0.0 if one.column.positive else -np.inf
             self.most[one.at[0]] = min(one.column.most, self._drive_share(one))
-        for name in ("_single", "_matrix", "after_reversal"):
+        for name in ("_best_shapes", "_matrix", "after_reversal"):
             vars(self).pop(name, None)
         for name in (*self.names, REVERSAL):
             some = [i.column for i in self.items if i.name == name]
@@ -236,7 +236,7 @@ class Gram:
 
         Beyond, it mutes the drive, and the base with it.
         """
-        if one.name == REVERSAL or not one.column.force or self.problem.imposed:
+        if one.name == REVERSAL or not one.column.force or self.problem.is_imposed:
             return math.inf
         effect = effect_class(one.name)
         if effect.action != "input" and not effect.loaded():
@@ -250,7 +250,7 @@ class Gram:
         axis = likelihood.axis_at(z, 0)
         spring = next((n for n, e in named(axis).items() if e.inner(axis).stiffness > 0.0), None)
         if spring is not None:
-            bare = self.problem.less(axis, spring)
+            bare = self.problem.remove_effects(axis, spring)
             free = [n for n in self.problem.free_of(self.fit) if not n.startswith(f"{spring}.")]
             likelihood = self.problem.likelihood(bare, free)
             z = likelihood.start(noises=self.noises)
@@ -273,16 +273,18 @@ class Gram:
         ]  # fmt: skip
 
     @property
-    def bends(self) -> bool:
+    def has_bristles(self) -> bool:
         """Whether bristles bend: friction is then no force, its shapes take passes."""
         axis = self.here.axis
-        return not self.problem.imposed and any(e.inner(axis).bristles > 0.0 for e in axis.effects)
+        return not self.problem.is_imposed and any(
+            e.inner(axis).bristles > 0.0 for e in axis.effects
+        )
 
     @cached_property
     def _shapes(self) -> dict[str, list[Column]]:
         """Shapes of all effects, by name."""
         found, present = dict[str, list[Column]](), named(self.problem.believed)
-        bends = self.bends
+        bends = self.has_bristles
         for name in self.names:
             try:
                 if name in present:
@@ -358,7 +360,7 @@ class Gram:
     @property
     def _parts(self) -> tuple[float, ...]:
         """Factors of the random force: of an imposed motion, which no filter follows, one."""
-        return SCREENING_FORCE_FACTORS[:1] if self.problem.imposed else SCREENING_FORCE_FACTORS
+        return SCREENING_FORCE_FACTORS[:1] if self.problem.is_imposed else SCREENING_FORCE_FACTORS
 
     def _costs(self, likelihood: Likelihood, parts: Sequence[float]) -> list[float]:
         """Costs in one pass at factors of the random force, the size of all noises fitted."""
@@ -477,14 +479,14 @@ class Gram:
         one.g, chosen, barred = self.g.copy(), list[int](), set[str]()
         left = one._residual_of(chosen)
         while len(chosen) < most:
-            g = one._best(chosen, (REVERSAL,), barred)[1]
+            g = one._best_item(chosen, (REVERSAL,), barred)[1]
             if g < 0:
                 break
             new = one._residual_of([*chosen, g])
             if one._beyond_record([*chosen, g]):
                 barred.add(one.items[g].name)
                 continue
-            count = self.here.independent(new)
+            count = self.here.effective_sample_size(new)
             if (
                 one.most[one.items[g].at[0]] < math.inf
                 and count < _MIN_INDEPENDENCE_RATIO * one.count
@@ -505,14 +507,14 @@ class Gram:
         """The set with each item replaced by what gains more in its place, if anything."""
         now = self.gains([chosen])[0]
         for k in range(len(chosen) - 1):
-            gain, g = self._best([*chosen[:k], *chosen[k + 1 :]], (REVERSAL,), barred)
+            gain, g = self._best_item([*chosen[:k], *chosen[k + 1 :]], (REVERSAL,), barred)
             if gain > now + MIN_EXCHANGE_GAIN:
                 chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
         return chosen
 
     def _count_independent(self, left: FloatArray) -> None:
         """Count independent samples of what is left, in whose units the prior of the base is."""
-        self.count = self.here.independent(left)
+        self.count = self.here.effective_sample_size(left)
         size = float(left @ left) / self.count
         ratio = size / self._unit
         self.g[np.diag_indices(self.fixed)] += (ratio - 1.0) * self._ridge
@@ -528,7 +530,7 @@ class Gram:
         there = self._now[counts] * (1.0 + c[..., counts]) / nominal[counts]
         return np.asarray(joint_nominal_error_cost(nominal_error_cost(there))[0])
 
-    def early(self) -> float:
+    def input_lead_gain(self) -> float:
         """Predicted gain of a drive that acts before its time stamps, 0 if by chance."""
         late = [
             [g] for g, one in enumerate(self.items)
@@ -546,7 +548,7 @@ class Gram:
         """Predicted gain of the free parameters by themselves."""
         return self.gains([[]])[0]
 
-    def _best(
+    def _best_item(
         self, chosen: Sequence[int], also: Sequence[str] = (), barred: Collection[str] = ()
     ) -> tuple[float, int]:
         """The effect's item with the largest gain beside chosen ones, or one of `also`."""
@@ -573,7 +575,7 @@ class Gram:
         return min(rows, key=lambda r: (len(self.items[r[1]].at), -r[0]), default=(-math.inf, -1))
 
     @cached_property
-    def _single(self) -> dict[str, tuple[float, int]]:
+    def _best_shapes(self) -> dict[str, tuple[float, int]]:
         """Best shape of each effect alone, with its predicted gain."""
         found = dict[str, tuple[float, int]]()
         gains = self.gains([[g] for g in range(len(self.items))])
@@ -591,13 +593,13 @@ class Gram:
         return names.index(REVERSAL) if REVERSAL in names else MAX_CAUSES
 
     @property
-    def singles(self) -> dict[str, float]:
+    def single_gains(self) -> dict[str, float]:
         """Predicted gain of each effect alone, at least 0."""
-        return {name: max(gain, 0.0) for name, (gain, _) in self._single.items()}
+        return {name: max(gain, 0.0) for name, (gain, _) in self._best_shapes.items()}
 
     def sets(self) -> list[tuple[float, list[int]]]:
         """Items worth a fit, with their predicted gains: singles, and sets by selection."""
-        rows = sorted(self._single.values(), reverse=True)
+        rows = sorted(self._best_shapes.values(), reverse=True)
         # A shape with a memory that is far less likely in a pass than another one is none.
         most = max((gain for gain, g in rows if self.items[g].gain > -math.inf), default=0.0)
         least = _MIN_GAIN_FRACTION * most
@@ -609,12 +611,12 @@ class Gram:
         chosen: list[int] = []
         now = self.base_gain
         while len(chosen) < MAX_JOINED_CAUSES:
-            gain, g = self._best(chosen)
+            gain, g = self._best_item(chosen)
             if g < 0 or gain < now + self._chance(g):
                 break
             chosen, now = [*chosen, g], gain
             for k in range(len(chosen)):
-                gain, g = self._best(chosen[:k] + chosen[k + 1 :])
+                gain, g = self._best_item(chosen[:k] + chosen[k + 1 :])
                 if gain > now + MIN_EXCHANGE_GAIN:
                     chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
             if len(chosen) > 1:
@@ -635,7 +637,7 @@ class Gram:
         here, problem, slides = self.here, self.problem, self.here.direction != 0.0
 
         def force_of(*names: str) -> FloatArray:
-            axis = problem.less(here.axis, *names)
+            axis = problem.remove_effects(here.axis, *names)
             return -difference(axis, cast(View, here))[slides]
 
         alone = {n: force_of(n) for n in causes}
@@ -656,7 +658,7 @@ class Gram:
         free = problem.free_of(self.fit)
         for some, (*_, name, values) in zip(sets, best, strict=True):
             if name:
-                bare = problem.less(self.fit.axis, *some)
+                bare = problem.remove_effects(self.fit.axis, *some)
                 others = problem.free_without(free, *some)
                 start = with_effect(bare, name, values)
                 yield some, name, start.axis, (*others, *start.free)
@@ -686,7 +688,7 @@ class Gram:
                     best[k] = size, float(left[k]), one.name, values
         return best
 
-    def whole(self, most: int) -> tuple[list[Proposal], bool]:
+    def full_selection(self, most: int) -> tuple[list[Proposal], bool]:
         """Starts with all effects that forward selection finds.
 
         And whether friction after reversals is among them.
@@ -875,7 +877,7 @@ def _other_amounts(name: str, effect: Effect, view: View) -> Iterator[Column]:
     A weight on the other side is far from a change of its phase by a part.
     """
     values = dict(zip(effect.parameters(), effect.values, strict=True))
-    force = added(type(effect), values, view)
+    force = effect_contribution(type(effect), values, view)
     for one in effect_class(name).columns(view):
         if len(one.force) < 2 or one.most < math.inf:
             continue

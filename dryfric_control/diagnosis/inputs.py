@@ -49,7 +49,7 @@ def denoised_inputs(
     Measurement noise of the input does not act on the axis.  Left in, it would count as random
     force, and a lag that filters it would seem to be a cause.
     """
-    if problem.late:
+    if problem.is_overdue:
         return problem
     found = {0.0: tuple(recorded)}
     force = fit.largest_force
@@ -60,8 +60,8 @@ def denoised_inputs(
         # Noise far below the random force makes no difference.
         if white and any(np.std(e) > thresholds.MIN_INPUT_NOISE_RATIO * force for e in off):
             found[width] = runs
-    if problem.imposed or len(found) == 1:
-        same = problem.imposed or problem.runs == tuple(recorded)
+    if problem.is_imposed or len(found) == 1:
+        same = problem.is_imposed or problem.runs == tuple(recorded)
         return problem if same else replace(problem, runs=tuple(recorded))
     shift = fit.values().get(SHIFT)
 
@@ -89,7 +89,7 @@ def as_recorded(fit: Solution, recorded: Sequence[Run]) -> Solution:
 
 def with_input_lead(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
     """The problem and fit with inputs that act before their time stamps, if data require it."""
-    if problem.imposed or problem.shift is not None:
+    if problem.is_imposed or problem.shift is not None:
         return None
     if any(e.action in ("delay", "lag") for e in fit.axis.effects):
         return None
@@ -116,12 +116,12 @@ def imposed_search(problem: Problem, tell: Callable[..., None]) -> Search | None
     """A search in the view of the force; None if the drive is not what the motion requires."""
     runs = tuple(prepare_force(r.record, problem.hold) for r in problem.runs)
     force = replace(problem, runs=runs, view=ForceView)
-    fit = Search(force).alone()
+    fit = Search(force).fit_nominal()
     if len(runs) > 1:
         force, fit = _per_record_problem(force, fit)
     if _one_velocity(force):
         force = replace(force, steady=True)
-        fit = Search(force).alone()
+        fit = Search(force).fit_nominal()
     search = Search(force, tell, now=Model(fit))
     # An effect such as gravity may make up most of the required force.
     if _matches_force(fit) or any(
@@ -173,7 +173,7 @@ def _per_record_problem(problem: Problem, now: Solution) -> tuple[Problem, Solut
         if "coulomb" not in problem.base or not set(names).isdisjoint(problem.known):
             continue
         one = replace(problem, also=(*problem.also, *names), own=(*problem.own, *names))
-        fit = Search(one).alone()
+        fit = Search(one).fit_nominal()
         # A cause that is still missing correlates what is left, whatever differs between records.
         fall = now.held_out() - fit.held_out()
         penalty = 0.5 * math.log(one.samples) * len(names) * len(one.runs)

@@ -30,7 +30,7 @@ class Linearised(ModelView):
     """
 
     def __init__(self, problem: Problem, likelihood: Likelihood, z: Floats) -> None:
-        self.likelihood, self.z, self.imposed = likelihood, z, problem.imposed
+        self.likelihood, self.z, self.imposed = likelihood, z, problem.is_imposed
         self.axis = likelihood.axis_at(z, 0)
         self.point = likelihood.at(z)
         records = [run.record for run in likelihood.runs]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dryfric_control.diagnosis.candidates import with_effect
 from dryfric_control.diagnosis.criterion import cost_of, evidence, prior_of
 from dryfric_control.diagnosis.gram import Proposal, screening_noises, with_force_factor
-from dryfric_control.diagnosis.invariants import impossible, unsound
+from dryfric_control.diagnosis.invariants import infeasible_reason, rejection_reason
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
@@ -99,7 +99,7 @@ def with_noises(z: FloatArray, noises: FloatArray) -> FloatArray:
     return np.concatenate((z[: z.size - noises.size], noises))
 
 
-def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Solution:
+def restore_base(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Solution:
     """The fit, or one with base parameters back at nominal if that is likelier.
 
     Where a cause and all base parameters together do the same, their prior alone decides, and
@@ -166,8 +166,8 @@ class ProposalFits:
 
     def begin_with(self, name: str, fit: Solution) -> None:
         """Add the row of an effect that was fitted beside the model before."""
-        own = _own(self.problem.free_of(fit), name)
-        worth = self._worth(fit, (name,))
+        own = _cause_parameters(self.problem.free_of(fit), name)
+        worth = self._row_evidence(fit, (name,))
         self.rows.append(FittedProposal((name,), own, fit, worth, (-math.inf, -math.inf)))
 
     def fit(self, proposals: Sequence[Proposal]) -> None:
@@ -197,7 +197,7 @@ class ProposalFits:
                 or fit.iterations < FIRST_ITERATIONS - 1
                 or turns >= COMPARISON_ITERATIONS
             ):
-                self.rows.append(self._restored(self._row(last, fit), last.proposal.held))
+                self.rows.append(self._restore_base(self._row(last, fit), last.proposal.held))
                 top = self._top()
             else:
                 waiting.append(PartialFit(last.proposal, fit, hope, last.first, turns))
@@ -212,7 +212,7 @@ class ProposalFits:
         reached += [(one.proposal.names, one.fit.cost) for one in waiting]
         return [
             one for one in waiting
-            if self._hopeful(one, top) and not any(
+            if self._can_gain(one, top) and not any(
                 {*names} < {*one.proposal.names} and cost <= one.fit.cost
                 for names, cost in reached
             )
@@ -240,7 +240,11 @@ class ProposalFits:
         found, rest = list[PartialFit](), list[Proposal]()
         for one in filter(None, self.problem.parallel(self._first_fit, some)):
             names, own = one.proposal.names, one.proposal.free
-            lost = [n for n in names if impossible(self.problem, one.fit, n, _own(own, n))]
+            lost = [
+                n
+                for n in names
+                if infeasible_reason(self.problem, one.fit, n, _cause_parameters(own, n))
+            ]
             if not lost:
                 found.append(one)
             elif len(lost) < len(names):
@@ -263,7 +267,7 @@ class ProposalFits:
                 likelihood.at(fit.z)  # says why there is no such axis
                 return None
             smooth = self._level(one.quieter) - fit.cost
-            if smooth + REMAINING_GAIN_RATIO * fit.promised < 0.5 * self._needed(one):
+            if smooth + REMAINING_GAIN_RATIO * fit.promised < 0.5 * self._required_gain(one):
                 return None
             fit = maximise(likelihood, fit.z, FIRST_ITERATIONS, until, True)
             return PartialFit(one, fit, fit.promised, (smooth, now.cost - fit.cost))
@@ -275,9 +279,9 @@ class ProposalFits:
         self, likelihood: Likelihood, z: FloatArray, own: Sequence[str], noises: FloatArray
     ) -> FloatArray:
         """Where to begin with a shape with a memory, from a part of the records."""
-        part, until = likelihood.on(self.problem.lively), self.problem.until
+        part, until = likelihood.on(self.problem.fast_stretches), self.problem.until
         starts = [grid_search(part, z, own, noises)]
-        if not self.problem.imposed:
+        if not self.problem.is_imposed:
             # There the base takes up what the shape should, which may lead astray.  An imposed
             # motion is followed by no filter, and costs as much at any random force.
             starts.append(force_continuation(part, starts[0], until=until))
@@ -298,8 +302,8 @@ class ProposalFits:
         )
         return replace(
             one, names=names, free=free, remembers=remembers, cost=look.fit.cost, predicted=0.0,
-            axis=problem.less(look.fit.axis, *lost),
-            held=one.held and problem.less(one.held, *lost),
+            axis=problem.remove_effects(look.fit.axis, *lost),
+            held=one.held and problem.remove_effects(one.held, *lost),
         )  # fmt: skip
 
     def _continued_fit(self, look: PartialFit) -> Solution | None:
@@ -317,13 +321,16 @@ class ProposalFits:
 
     def _row(self, look: PartialFit, fit: Solution) -> FittedProposal:
         one = look.proposal
-        reasons = [unsound(self.problem, fit, n, _own(one.free, n)) for n in one.names]
+        reasons = [
+            rejection_reason(self.problem, fit, n, _cause_parameters(one.free, n))
+            for n in one.names
+        ]
         reason = next(filter(None, reasons), "")
         return FittedProposal(
-            one.names, one.free, fit, self._worth(fit, one.names), look.first, reason
+            one.names, one.free, fit, self._row_evidence(fit, one.names), look.first, reason
         )
 
-    def _worth(self, fit: Solution, names: Sequence[str]) -> float:
+    def _row_evidence(self, fit: Solution, names: Sequence[str]) -> float:
         return evidence(self.now, fit, [self.odds[n] for n in names])
 
     @property
@@ -336,15 +343,15 @@ class ProposalFits:
         gains = [(self.now.cost - r.fit.cost, r.first) for r in self.good]
         return max(gains, default=(-math.inf, (-math.inf, -math.inf)))
 
-    def _restored(self, row: FittedProposal, start: FrictionAxis | None) -> FittedProposal:
+    def _restore_base(self, row: FittedProposal, start: FrictionAxis | None) -> FittedProposal:
         """The row with the base back at nominal where that may decide which one is best."""
         most = max((r.evidence for r in self.rows if not r.reason), default=0.0)
         if row.reason or row.evidence + prior_of(row.fit) < max(most, 0.0):
             return row
-        fit = restored(self.problem, row.fit, start)
+        fit = restore_base(self.problem, row.fit, start)
         if fit is row.fit:
             return row
-        return replace(row, fit=fit, evidence=self._worth(fit, row.names))
+        return replace(row, fit=fit, evidence=self._row_evidence(fit, row.names))
 
     def translate(self, view: ModelView) -> None:
         """Fit rows that act as the best one does again from where that one ended.
@@ -364,7 +371,7 @@ class ProposalFits:
             same = view.same_force(effect, name, base)
             if same is None:
                 return row
-            axis = problem.less(top.fit.axis, top.names[0])
+            axis = problem.remove_effects(top.fit.axis, top.names[0])
             moved = values_of(axis, base) * (1.0 - same[1])
             free = (*self.free, *row.free)
             try:
@@ -376,16 +383,16 @@ class ProposalFits:
                 return row  # no axis can have these values
             if fit.cost >= row.fit.cost:
                 return row
-            reason = unsound(problem, fit, name, _own(row.free, name))
-            return replace(row, fit=fit, evidence=self._worth(fit, row.names), reason=reason)
+            reason = rejection_reason(problem, fit, name, _cause_parameters(row.free, name))
+            return replace(row, fit=fit, evidence=self._row_evidence(fit, row.names), reason=reason)
 
         self.rows = problem.parallel(one, self.rows)
 
-    def _needed(self, one: Proposal) -> float:
+    def _required_gain(self, one: Proposal) -> float:
         """What the causes of a proposal cost."""
         return sum(MIN_EVIDENCE + self.odds[n] for n in one.names)
 
-    def _hopeful(self, look: PartialFit, top: _Top) -> bool:
+    def _can_gain(self, look: PartialFit, top: _Top) -> bool:
         """Whether a fit may still gain what its causes cost, and as much as the best one.
 
         `top`: what that gained in the end, and at its first look: looks are compared with looks.
@@ -398,9 +405,9 @@ class ProposalFits:
         )
         if not look.turns:
             gain = max(gain, one.predicted)  # a quick look may end where a cost is rough
-        pays = gain + max(prior, 0.0) > 0.5 * self._needed(one)
+        pays = gain + max(prior, 0.0) > 0.5 * self._required_gain(one)
         return pays and (equal or gain > top[0] - FIT_SLACK)
 
 
-def _own(free: Sequence[str], name: str) -> tuple[str, ...]:
+def _cause_parameters(free: Sequence[str], name: str) -> tuple[str, ...]:
     return tuple(n for n in free if n.startswith(f"{name}."))

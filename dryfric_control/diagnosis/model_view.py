@@ -12,12 +12,12 @@ import numpy as np
 from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.candidates import effect_class
 from dryfric_control.diagnosis.thresholds import NEGLIGIBLE_FORCE_RATIO
-from dryfric_control.estimation.force_residual import applied
+from dryfric_control.estimation.force_residual import net_drive
 from dryfric_control.estimation.likelihood import Point
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.smoothed_motion import distance_since_reversal
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.columns import View, added, difference
+from dryfric_control.model.effects.columns import View, difference, effect_contribution
 from dryfric_control.model.effects.effect import Effect
 
 #: Relative change of a nominal effect's parameter whose force is a column.
@@ -86,7 +86,7 @@ class ModelView:
     #: Largest ratio of the squared residual after to before with which an effect may join.
     least_fall = 1.0
 
-    def independent(self, left: Floats) -> float:
+    def effective_sample_size(self, left: Floats) -> float:
         """Number of independent samples of a residual."""
         return self.count
 
@@ -144,12 +144,12 @@ class ModelView:
     @cached_property
     def carried(self) -> Floats:
         """Load of the transmission: the drive after its gain and limits, and the force effects."""
-        return applied(self.axis, self.x, self.v, self.u, ("input", "force"))
+        return net_drive(self.axis, self.x, self.v, self.u, ("input", "force"))
 
     @cached_property
     def drive(self) -> Floats:
         """Drive after its gain and limits."""
-        return applied(self.axis, self.x, self.v, self.u, ("input",))
+        return net_drive(self.axis, self.x, self.v, self.u, ("input",))
 
     @cached_property
     def largest_force(self) -> float:
@@ -213,12 +213,12 @@ class ModelView:
         """
         view, best, found = cast(View, self), NEGLIGIBLE_FORCE_RATIO, None
         values = dict(zip(effect.parameters(), effect.values, strict=True))
-        force = added(type(effect), values, view)
+        force = effect_contribution(type(effect), values, view)
         for one in effect_class(name).columns(view):
             columns = [*one.force, *self.base_forces(names)]
             if not one.force or not np.any(force):
                 continue
-            c, left = self._alike(force, columns)
+            c, left = self._fit_forces(force, columns)
             if left < best and not (one.positive and c[0] <= 0.0):
                 width = len(one.force)
                 best, found = left, (one.values(c[:width].tolist()), c[width:])
@@ -227,10 +227,10 @@ class ModelView:
     def taken_over(self, effect: Effect, names: Sequence[str]) -> Floats:
         """Changes of base parameters of these `names` that act most as an effect does."""
         values = dict(zip(effect.parameters(), effect.values, strict=True))
-        force = added(type(effect), values, cast(View, self))
-        return self._alike(force, self.base_forces(names))[0] * values_of(self.axis, names)
+        force = effect_contribution(type(effect), values, cast(View, self))
+        return self._fit_forces(force, self.base_forces(names))[0] * values_of(self.axis, names)
 
-    def _alike(self, force: Floats, columns: Sequence[Floats]) -> tuple[Floats, float]:
+    def _fit_forces(self, force: Floats, columns: Sequence[Floats]) -> tuple[Floats, float]:
         """Coefficients of the forces that together are nearest to one while sliding; part left."""
         m = np.stack([c * (self.direction != 0.0) for c in columns], axis=1)
         size = np.maximum(np.linalg.norm(m, axis=0), 1e-300)

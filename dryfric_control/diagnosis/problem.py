@@ -85,7 +85,7 @@ class Problem:
         return tuple(SmoothedMotion.from_record(r.record, self.believed.mass) for r in self.runs)
 
     @cached_property
-    def lively(self) -> tuple[Run, ...]:
+    def fast_stretches(self) -> tuple[Run, ...]:
         """Each record on the stretch with the fastest strokes: it tells where a fit begins."""
         pairs = zip(self.runs, self.motions, strict=True)
         return tuple(_with_long_strokes(run, motion) for run, motion in pairs)
@@ -106,7 +106,7 @@ class Problem:
         """Amounts of the nominal effects that act as a force: no more certain than the base."""
         found = []
         for name, effect in named(self.believed).items():
-            if effect.action in _UNSURE and not (self.imposed and effect.action == "input"):
+            if effect.action in _UNSURE and not (self.is_imposed and effect.action == "input"):
                 found += [full for full, _, _ in free_amounts(name, own_names(name))]
         values = values_of(self.believed, found)
         return tuple(n for n, v in zip(found, values, strict=True) if v != 0.0)
@@ -129,13 +129,13 @@ class Problem:
         return tuple(n for n in self.nominal if n not in held)
 
     @property
-    def imposed(self) -> bool:
+    def is_imposed(self) -> bool:
         """Whether the motion is imposed by something other than the drive."""
         return issubclass(self.view, ForceView)
 
     def is_muted(self, fit: Solution) -> bool:
         """Whether the random force is too large, beside the friction, to explain anything."""
-        return not self.imposed and fit.largest_force > max(
+        return not self.is_imposed and fit.largest_force > max(
             MAX_RANDOM_FORCE_RATIO * fit.axis.coulomb.mean, 0.0
         )
 
@@ -144,7 +144,10 @@ class Problem:
 
         What acts rarely gains no more than what its outliers cost above those of normal noise.
         """
-        if self.imposed or not fit.largest_force < NEGLIGIBLE_FORCE_RATIO * fit.axis.coulomb.mean:
+        if (
+            self.is_imposed
+            or not fit.largest_force < NEGLIGIBLE_FORCE_RATIO * fit.axis.coulomb.mean
+        ):
             return math.inf
         return self.outliers(fit)
 
@@ -160,12 +163,12 @@ class Problem:
         lost = np.log((FREEDOM + np.maximum(ratios, normal)) / (FREEDOM + normal))
         return float(0.5 * (FREEDOM + 1.0) * lost.sum())
 
-    def spent(self, fit: Solution) -> bool:
+    def is_exhausted(self, fit: Solution) -> bool:
         """Whether no cause can be left: what spares assumptions gains what these cost, no more."""
         return self.left(fit) + fit.problem.prior(fit.z) < MIN_EVIDENCE
 
     @property
-    def late(self) -> bool:
+    def is_overdue(self) -> bool:
         """Whether the time limit has passed."""
         return time.monotonic() > self.until
 
@@ -253,7 +256,7 @@ class Problem:
         owner, _, part = name.partition(".")
         return f"{BIAS}.force" in self.own and part == effect_class(owner).adds_constant
 
-    def less(self, axis: FrictionAxis, *names: str) -> FrictionAxis:
+    def remove_effects(self, axis: FrictionAxis, *names: str) -> FrictionAxis:
         """The axis with effects as in the nominal axis, or without them if that has none."""
         for name in reversed(names):
             axis = put(axis, name, named(self.believed).get(name))

@@ -21,7 +21,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.records.motion import last_index_so_far
 from dryfric_control.records.record import Record
-from dryfric_control.ties import NEAR, above, samples
+from dryfric_control.ties import NEAR, exceeds, samples
 
 # Length of the free runs [s].
 _WINDOW_LENGTH = 0.25
@@ -179,7 +179,7 @@ class Refit:
         count = len(windows) - (last < length)
         starts = windows.edges[:count]
         reach = np.maximum.reduceat(record.x, starts) - np.minimum.reduceat(record.x, starts)
-        moving = np.flatnonzero(above(reach, 4.0 * quantum, NEAR * record.range))
+        moving = np.flatnonzero(exceeds(reach, 4.0 * quantum, NEAR * record.range))
         active = np.zeros(count, bool)
         if moving.size:
             active[moving[np.linspace(0, moving.size - 1, _KNOWN_WINDOWS).astype(int)]] = True

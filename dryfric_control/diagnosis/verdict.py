@@ -25,7 +25,7 @@ from dryfric_control.diagnosis.thresholds import (
 from dryfric_control.estimation.input_noise import before_rounding
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.uncertainty import ratio_interval
-from dryfric_control.estimation.windows import Evaluation, Windows, linked
+from dryfric_control.estimation.windows import Evaluation, Windows, passes_inner_states
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.records.resolution import QUANTA
@@ -179,7 +179,9 @@ class Judged(NamedTuple):
 
 def judge_fit(problem: Problem, windows: Sequence[Windows], final: Solution) -> Judged:
     """Measure what a fit explains and what it leaves."""
-    found = _judge_imposed(problem, final) if problem.imposed else _motion(problem, windows, final)
+    found = (
+        _judge_imposed(problem, final) if problem.is_imposed else _motion(problem, windows, final)
+    )
     return found._replace(muted=problem.is_muted(final))
 
 
@@ -191,7 +193,7 @@ def shows(problem: Problem, final: Solution) -> bool:
         moved = final.random_force(i) / final.axis.mass * math.sqrt(dt * length**3 / 3.0)
         if 0.1 * moved > w.floor:
             return True
-    return problem.imposed or not problem.windows
+    return problem.is_imposed or not problem.windows
 
 
 def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Judged:
@@ -203,7 +205,7 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
     for i, w in enumerate(windows):
         active = np.zeros(len(w), bool)
         moving = np.flatnonzero(w.moving)
-        if linked(final.axis):
+        if passes_inner_states(final.axis):
             moving = moving[moving > 0]  # an inner state is unknown where the record starts
         if not moving.size:
             continue
@@ -212,7 +214,7 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
         active[moving] = True
         # The gain is of parameters fitted without the half of the record that a window is in.
         before = w.evaluate(problem.believed, active)
-        unseen = w.unseen(*final.held_out_axes(i), active)
+        unseen = w.cross_validate(*final.held_out_axes(i), active)
         axis = final.problem.axis_at(final.z, i)
         at = w.evaluate(axis, active)
         for row, one in zip(squares, (before, unseen, at), strict=True):

@@ -126,7 +126,9 @@ def _kernel(size: int, dt: float) -> Floats:
     return np.asarray(kernel / kernel.sum())
 
 
-def applied(axis: FrictionAxis, x: Floats, v: Floats, u: Floats, actions: Sequence[str]) -> Floats:
+def net_drive(
+    axis: FrictionAxis, x: Floats, v: Floats, u: Floats, actions: Sequence[str]
+) -> Floats:
     """Drive after its effects, and the forces of others, that act in some ways."""
     kept = tuple(e for e in axis.effects if e.action in actions)
     bare = FrictionAxis(1.0, 0.0, CoulombMap.of(0.0), effects=kept)

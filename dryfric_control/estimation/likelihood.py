@@ -32,7 +32,7 @@ from dryfric_control.estimation.parameters import (
     with_values,
 )
 from dryfric_control.estimation.stiffness import stiffness
-from dryfric_control.estimation.windows import shifted
+from dryfric_control.estimation.windows import delay_input
 from dryfric_control.model.axis import FrictionAxis, check_pace, inverse_masses
 from dryfric_control.model.effects.effect import Inner
 from dryfric_control.model.effects.naming import named
@@ -374,7 +374,7 @@ class Likelihood:
             * inverse_masses(axis, record.dt)
         )
         numbers[ALLOWED] = numbers[arrays.integers[N_NUMBERS] + ALLOWED] = hidden
-        u = shifted(run.u, self._values(z, i).get(SHIFT, self.shift) / record.dt)
+        u = delay_input(run.u, self._values(z, i).get(SHIFT, self.shift) / record.dt)
         # One type of array, whether shifted or not: the filter is compiled for each.
         u.setflags(write=False)
         out, state = np.zeros((2, len(record))), np.zeros((6, len(record)))

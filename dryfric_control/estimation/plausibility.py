@@ -70,7 +70,7 @@ def check_plausible(
 
     Told to go on `anyway`, it only warns; `gain_free`: whether the gain of the drive is looked for.
     """
-    found = doubts(axis, record, gain_free)
+    found = record_doubts(axis, record, gain_free)
     if not anyway:
         _raise_certain(found, name)
     for doubt in found:
@@ -79,7 +79,7 @@ def check_plausible(
 
 def refuse_implausible(axis: FrictionAxis, record: Record, name: str = "record") -> None:
     """ValueError with what to type where a wrong unit or a reversed sign is certain."""
-    _raise_certain(doubts(axis, record), name)
+    _raise_certain(record_doubts(axis, record), name)
 
 
 def _raise_certain(found: list[Doubt], name: str) -> None:
@@ -112,7 +112,7 @@ def checked_records(records: Any, name: str = "record") -> tuple[Record, ...]:
     return found
 
 
-def doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -> list[Doubt]:
+def record_doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -> list[Doubt]:
     """What speaks against units, sign and columns of a record, if it is one of this axis.
 
     Certain is what the regression of the drive on the motion confirms; the rest may be a wrong

@@ -15,7 +15,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
-from dryfric_control.ties import NEAR, above, samples
+from dryfric_control.ties import NEAR, exceeds, samples
 
 # Longest piece of motion that is averaged, as a part of the travel.
 _PIECE = 1.0 / 80.0
@@ -83,7 +83,7 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
         inner = a + np.searchsorted(way * record.x[a:b], way * marks - NEAR * record.range)
         for c, d in zip([a, *inner], [*inner, b], strict=True):
             far = way * (record.x[d] - record.x[c])
-            if d > c and above(far, least, NEAR * record.range):
+            if d > c and exceeds(far, least, NEAR * record.range):
                 w = step[c:d] / step[c:d].sum()
                 place, speed = w @ (0.5 * (x[c:d] + x[c + 1 : d + 1])), w @ middle[c:d]
                 speed -= noise**2 / speed  # the weights hold the same noise: its square is none

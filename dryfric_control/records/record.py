@@ -213,7 +213,7 @@ class Record(Saved):
     def _with_changes(self, note: str = "", **changes: Any) -> Record:
         """A record made from this one; a part of it may well stand still."""
         kept = self.__getstate__() | changes
-        return _made(kept | {"notes": kept["notes"] + (note,) * bool(note)})
+        return _assemble_record(kept | {"notes": kept["notes"] + (note,) * bool(note)})
 
     def _at_samples(self, pick: slice) -> dict[str, Any]:
         """What is left of the channels and the mask at some samples."""
@@ -653,7 +653,7 @@ class Record(Saved):
         quantum = checks.estimated_quantum(found["x"], 1.0)
         parts = {"dt": step, "units": labels, "name": name, "notes": (), "raw": {}}
         parts |= {"quantum": quantum, "masked": NONE}
-        whole = _made(_channels_apart(found) | parts)
+        whole = _assemble_record(_channels_apart(found) | parts)
         stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= checks.MIN_SAMPLES]
         if not stretches:
             raise ValueError(
@@ -936,12 +936,12 @@ class Record(Saved):
         if axis is None:
             return check_record(self, self._known_units())
         # Here: estimation is made of records.
-        from dryfric_control.estimation.plausibility import doubts
+        from dryfric_control.estimation.plausibility import record_doubts
         from dryfric_control.model.axis import FrictionAxis
 
         instance("axis", axis, FrictionAxis)
         check_units(axis, self)
-        told = [doubt.message for doubt in doubts(axis, self)]
+        told = [doubt.message for doubt in record_doubts(axis, self)]
         return check_record(self, axis.units, told)
 
     def _known_units(self) -> tuple[str, str]:
@@ -1037,7 +1037,7 @@ def _channels_apart(arrays: Mapping[str, Floats]) -> dict[str, Any]:
     return own | {"channels": {name: arrays[name] for name in EXTRAS if name in arrays}}
 
 
-def _made(parts: Mapping[str, Any]) -> Record:
+def _assemble_record(parts: Mapping[str, Any]) -> Record:
     """A record of parts as they are."""
     record = object.__new__(Record)
     record.__setstate__(parts)

@@ -114,7 +114,7 @@ def _page(d: Findings) -> NDArray[Any]:
     # The page grows with the text: no line is lost.
     rows = text.count("\n") + 1
     names = wording.records_text(d)
-    words = (f"{names} \N{EN DASH} " if names else "") + wording.headline(d, most=2)
+    words = (f"{names} \N{EN DASH} " if names else "") + wording.verdict_line(d, most=2)
     heading = textwrap.wrap(words, 76, max_lines=2, placeholder=" ...")
     above = 0.08 + 0.25 * len(heading)
     head = 0.12 + above + 0.165 * rows

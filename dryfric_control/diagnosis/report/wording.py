@@ -266,7 +266,7 @@ def line_of(d: Findings, cause: Cause) -> str:
 def summary_lines(d: Findings) -> list[str]:
     """Lines of a diagnosis' summary, as long as they are."""
     of = f" (of {records_text(d)})" if d.others else ""
-    lines = [f"verdict: {d.verdict if d.causes else headline(d)}{of}"]
+    lines = [f"verdict: {d.verdict if d.causes else verdict_line(d)}{of}"]
     lines += [f"warning: {one}" for one in far_off(d)]
     for i, cause in enumerate(shown_causes(d), start=1):
         lines.append(f"{i}. {line_of(d, cause)}")
@@ -289,7 +289,7 @@ def summary_lines(d: Findings) -> list[str]:
 def brief_lines(d: Findings) -> list[str]:
     """Verdict, causes with amounts, error before and after, and what to check: eight lines."""
     of = f" (of {records_text(d)})" if d.others else ""
-    lines = [f"verdict: {d.verdict if d.causes else headline(d)}{of}"]
+    lines = [f"verdict: {d.verdict if d.causes else verdict_line(d)}{of}"]
     lines += [f"warning: {one}" for one in far_off(d)][:_BRIEF_WARNINGS]
     shown = shown_causes(d)
     lines += [f"{i}. {line_of(d, one)}" for i, one in enumerate(shown[:_BRIEF_CAUSES], start=1)]
@@ -339,7 +339,7 @@ def further_lines(d: Findings) -> list[str]:
     return lines
 
 
-def headline(d: Findings, most: int | None = None) -> str:
+def verdict_line(d: Findings, most: int | None = None) -> str:
     """Verdict with the names of at most so many causes, the rest counted, in one line."""
     names = [cause.title or cause.effect for cause in d.main_causes]
     if not names:

@@ -346,12 +346,12 @@ def _checked_columns(columns: Any) -> Mapping[str, str | int | None]:
         if role not in (*roles, "good"):
             raise ValueError(
                 f"columns: {role!r} is no role; the roles are {', '.join(roles)}"
-                + (_meant(role) or did_you_mean(str(role), roles))
+                + (_suggest_channel(role) or did_you_mean(str(role), roles))
             )
     return columns or {}
 
 
-def _meant(heading: Any) -> str:
+def _suggest_channel(heading: Any) -> str:
     """The channel that the heading of a column names, for the end of a message."""
     role = parse_heading(split_header(str(heading))[0])[0]
     return f". Did you mean {role!r}, the channel that {heading!r} is?" if role else ""
@@ -483,7 +483,8 @@ def units_by_role(units: Any) -> dict[str, Any]:
     for role in units or {}:
         if role not in ("t", "u", "x", *EXTRAS):
             raise ValueError(
-                f"units: {role!r} is no channel; the channels are t, u and x{_meant(role)}"
+                f"units: {role!r} is no channel; the channels are t, u and x"
+                + _suggest_channel(role)
             )
     return dict(units or {})
 

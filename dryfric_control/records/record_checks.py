@@ -142,11 +142,7 @@ def vectors(
     t: Any, u: Any, x: Any, reference: Any, channels: Any = None, gaps: bool = False
 ) -> tuple[dict[str, Floats], tuple[str, ...]]:
     """Channels by name as vectors, and what was made up: no drive is 0, no x the integral of v."""
-    if channels is not None and not isinstance(channels, Mapping):
-        raise ValueError(f'channels must be a mapping such as {{"v": velocity}}, got {channels!r}')
-    for name in channels or {}:
-        if name not in EXTRAS:
-            raise ValueError(f"channels: {name!r} is none; known are {', '.join(EXTRAS)}")
+    _check_names(channels)
     tv = vector("t", t, gaps)
 
     def check_vector(name: str, values: Any) -> Floats:
@@ -172,6 +168,15 @@ def vectors(
     if tv.size < MIN_SAMPLES:
         raise ValueError(f"{tv.size} samples are too few; at least {MIN_SAMPLES} are needed")
     return found | more, notes
+
+
+def _check_names(channels: Any) -> None:
+    """Refuse channels that are no mapping, or have a name that no channel has."""
+    if channels is not None and not isinstance(channels, Mapping):
+        raise ValueError(f'channels must be a mapping such as {{"v": velocity}}, got {channels!r}')
+    for name in channels or {}:
+        if name not in EXTRAS:
+            raise ValueError(f"channels: {name!r} is none; known are {', '.join(EXTRAS)}")
 
 
 def with_load(channels: Any, load: Any) -> Any:

@@ -372,18 +372,10 @@ def _diagnose(chosen: Namespace) -> None:
 
 
 def _joints(chosen: Namespace) -> int:
-    model = chosen.model and Path(chosen.model)
-    if model and model.suffix.lower() not in (".xml", ".urdf"):
-        raise ValueError(f"--model {model} must be an MJCF (.xml) or URDF (.urdf) file")
-    if chosen.axes is None and (not model or model.suffix.lower() != ".xml"):
-        raise ValueError("give --axes, or an MJCF file as --model, which has nominal axes")
+    model = _joints_model(chosen)
     scaling, sampling, knowledge = _read_options(chosen, chosen.axes)
-    axes = axes_of(model) if chosen.axes is None else read_axes(chosen.axes)
-    for name in chosen.joints or ():
-        if name not in axes:
-            raise ValueError(f"--joints {name} is not there{did_you_mean(name, axes)}")
-    some = {name: axes[name] for name in chosen.joints or axes}
-    cases, refused = _read_joints(chosen, some, scaling, sampling)
+    axes = _joint_axes(chosen, model)
+    cases, refused = _read_joints(chosen, axes, scaling, sampling)
     folder = output_folder(chosen.out)
     found = diagnose_joints(
         cases,
@@ -395,7 +387,7 @@ def _joints(chosen: Namespace) -> int:
     found.failed.update({name: str(problem) for name, problem in refused.items()})
     print(found.summary(), flush=True)
     write_file(folder / "joints.json", json.dumps(found.to_dict(), indent=1))
-    if model:
+    if model is not None:
         kind = _SIMULATORS[model.suffix.lower()]
         given = _given_options(chosen, "load", "stiff", "dialect") if kind == "mjcf" else {}
         put = getattr(simulators, f"to_{kind}")
@@ -408,6 +400,29 @@ def _joints(chosen: Namespace) -> int:
             f"not diagnosed: {', '.join(found.failed)}; the table and joints.json say why"
         )
     return 1 if found.failed else 0
+
+
+def _joints_model(chosen: Namespace) -> Path | None:
+    """Path of the model of the machine, if there is one."""
+    model = Path(chosen.model) if chosen.model else None
+    suffix = "" if model is None else model.suffix.lower()
+    if model is not None and suffix not in (".xml", ".urdf"):
+        raise ValueError(f"--model {model} must be an MJCF (.xml) or URDF (.urdf) file")
+    if chosen.axes is None and suffix != ".xml":
+        raise ValueError("give --axes, or an MJCF file as --model, which has nominal axes")
+    return model
+
+
+def _joint_axes(chosen: Namespace, model: Path | None) -> dict[str, FrictionAxis]:
+    """Nominal axes of the joints that are to be diagnosed."""
+    if chosen.axes is None and model is not None:
+        axes = axes_of(model)
+    else:
+        axes = read_axes(chosen.axes)
+    for name in chosen.joints or ():
+        if name not in axes:
+            raise ValueError(f"--joints {name} is not there{did_you_mean(name, axes)}")
+    return {name: axes[name] for name in chosen.joints or axes}
 
 
 def _read_joints(

@@ -255,40 +255,68 @@ def varying_parameters(
 ) -> tuple[dict[str, dict[str, list[float]]], Solution]:
     """Parameters that differ between records, with standard errors, and the fit with them."""
     count = len(problem.runs)
-    now, own = final, list(problem.own)
-    free = problem.free_of(final)
-    names = [n for n in dict.fromkeys((*BASE, *free)) if n not in problem.known]
-    penalty = 0.5 * math.log(problem.samples) * (count - 1)
+    now, own = final, problem.own
     while count > 1 and not problem.is_overdue:
-        best: tuple[float, str, Solution] | None = None
-        for name in (n for n in names if n not in own):
-            one = replace(problem, own=(*own, name))
-            base = [n for n in BASE if n in names and (n in final.problem.names or n == name)]
-            settings = {"base": base, "wonder": False, "each": each_of(now)}
-            # Most parameters do not differ; a few iterations show it.
-            fit = one.fit(final.axis, free, noises_of(final), FIRST_ITERATIONS, **settings)
-            if now.cost - fit.cost + 3.0 * fit.promised < penalty:
-                continue
-            fit = one.fit(
-                fit.axis,
-                free,
-                noises_of(fit),
-                COMPARISON_ITERATIONS,
-                **settings | {"each": each_of(fit)},
-            )
-            worth = evidence(now, fit, [penalty])
-            if worth > (best[0] if best else 0.0) and _is_determined(now, fit):
-                best = worth, name, fit
+        best = _next_varying(replace(problem, own=own), final, now)
         if best is None:
             break
-        own.append(best[1])
-        now = best[2]
+        own = (*own, best[0])
+        now = best[1]
     both = {"values": now.values(), "standard_errors": now.standard_errors()}
     table = {
         n: {what: [found[f"{n}@{i}"] for i in range(count)] for what, found in both.items()}
         for n in own
     }
     return table, now
+
+
+def _next_varying(problem: Problem, final: Solution, now: Solution) -> tuple[str, Solution] | None:
+    """Parameter that differs most between records beside those that do in `now`, and its fit."""
+    names = [n for n in (*BASE, *problem.free_of(final)) if n not in problem.known]
+    penalty = 0.5 * math.log(problem.samples) * (len(problem.runs) - 1)
+    most = 0.0
+    best: tuple[str, Solution] | None = None
+    for name in dict.fromkeys(names):
+        if name in problem.own:
+            continue
+        one = replace(problem, own=(*problem.own, name))
+        base = [n for n in BASE if n in names and (n in final.problem.names or n == name)]
+        fit = _varying_fit(one, final, now, base, penalty)
+        if fit is None:
+            continue
+        worth = evidence(now, fit, [penalty])
+        if worth > most and _is_determined(now, fit):
+            most = worth
+            best = name, fit
+    return best
+
+
+def _varying_fit(
+    problem: Problem, final: Solution, now: Solution, base: Sequence[str], penalty: float
+) -> Solution | None:
+    """Fit with one more record-specific parameter than `now`; None if records do not need it."""
+    free = problem.free_of(final)
+    # Most parameters do not differ; a few iterations show it.
+    fit = problem.fit(
+        final.axis,
+        free,
+        noises_of(final),
+        FIRST_ITERATIONS,
+        base=base,
+        wonder=False,
+        each=each_of(now),
+    )
+    if now.cost - fit.cost + 3.0 * fit.promised < penalty:
+        return None
+    return problem.fit(
+        fit.axis,
+        free,
+        noises_of(fit),
+        COMPARISON_ITERATIONS,
+        base=base,
+        wonder=False,
+        each=each_of(fit),
+    )
 
 
 def _is_determined(less: Solution, more: Solution) -> bool:

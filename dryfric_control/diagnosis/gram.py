@@ -327,9 +327,8 @@ class Gram:
             (name, one) for name, some in self._shapes.items() for one in some
             if not (one.force or one.reading)
         ]  # fmt: skip
-        same = self.likelihood is self.fit.problem
         levels = self._levels
-        if tasks and not same:
+        if tasks and self.likelihood is not self.fit.problem:
             levels = self._costs(self.likelihood, self._parts)
 
         def run(name: str, column: Column) -> tuple[FloatArray, float] | None:
@@ -348,14 +347,23 @@ class Gram:
                 return None
 
         found = self.problem.parallel(run, *(zip(*tasks, strict=True) if tasks else ((), ())))
-        for name in dict.fromkeys(name for name, _ in tasks):
-            rows = [row for (one, _), row in zip(tasks, found, strict=True) if one == name]
-            if not any(row is not None and math.isfinite(row[1]) for row in rows):
-                self.fail(name, "no likelihood at any of its shapes: its law gives no numbers")
+        self._note_no_numbers([name for name, _ in tasks], found)
         for (name, column), row in zip(tasks, found, strict=True):
             if row is not None and np.any(row[0]):
                 # A secant is a column like others: its amount follows from the normal equations.
                 yield name, column, row[0], -math.inf if column.most < math.inf else row[1]
+
+    def _note_no_numbers(
+        self, names: Sequence[str], found: Sequence[tuple[FloatArray, float] | None]
+    ) -> None:
+        """Note effects without a likelihood at any of their shapes."""
+        likely = {
+            name for name, row in zip(names, found, strict=True)
+            if row is not None and math.isfinite(row[1])
+        }  # fmt: skip
+        for name in dict.fromkeys(names):
+            if name not in likely:
+                self.fail(name, "no likelihood at any of its shapes: its law gives no numbers")
 
     @property
     def _parts(self) -> tuple[float, ...]:

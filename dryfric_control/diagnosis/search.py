@@ -314,10 +314,8 @@ class Search:
         if self.problem.is_exhausted(now.fit):
             return []
         key = frozenset(now.causes)
-        if key in self._rounds and self._rounds[key][0].cost <= now.fit.cost + FIT_SLACK:
-            whole = not self._among.get(key) or ({*among} and {*among} <= self._among[key])
-            if whole and (other is not None or key not in self._spared_rounds):
-                return self._rounds[key][1]
+        if self._is_known_round(now, other is not None, among):
+            return self._rounds[key][1]
         grams = self._grams(now)
         looks = ProposalFits(self.problem, now.fit, self.odds, self._note_failure)
         if known is not None:
@@ -345,6 +343,15 @@ class Search:
             self.first = self.first | gains
         self._rounds[key] = now.fit, rows
         return rows
+
+    def _is_known_round(self, now: Model, explained: bool, among: Collection[str]) -> bool:
+        """Whether a round beside a model was made; where `explained`, one without memory does."""
+        key = frozenset(now.causes)
+        if key not in self._rounds or self._rounds[key][0].cost > now.fit.cost + FIT_SLACK:
+            return False
+        if self._among.get(key) and not ({*among} and {*among} <= self._among[key]):
+            return False
+        return explained or key not in self._spared_rounds
 
     def _open(self, key: frozenset[str], some: list[Proposal]) -> list[Proposal]:
         """Proposals beside a set of causes that were not decided against with other inputs."""

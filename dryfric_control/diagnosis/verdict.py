@@ -203,15 +203,9 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
     structured, places = False, list[str]()
     drawn = final.draw_axes(REPLAY_COUNT)
     for i, w in enumerate(windows):
-        active = np.zeros(len(w), bool)
-        moving = np.flatnonzero(w.moving)
-        if passes_inner_states(final.axis):
-            moving = moving[moving > 0]  # an inner state is unknown where the record starts
-        if not moving.size:
+        active = _judged_windows(w, passes_inner_states(final.axis))
+        if not active.any():
             continue
-        if moving.size > MAX_REPLAYED_WINDOWS:
-            moving = moving[np.linspace(0, moving.size - 1, MAX_REPLAYED_WINDOWS).astype(int)]
-        active[moving] = True
         # The gain is of parameters fitted without the half of the record that a window is in.
         before = w.evaluate(problem.believed, active)
         unseen = w.cross_validate(*final.held_out_axes(i), active)
@@ -238,14 +232,30 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
         gain = replace(gain, floor=usual_rms(replays))
         structured = structured or far_above(*_but_the_worst(squares[2], replays))
     left = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))
+    return Judged(gain, left, _is_worse(rows, gain))
+
+
+def _judged_windows(w: Windows, inner: bool) -> Bools:
+    """Windows with motion that are judged; `inner`: whether they pass on inner states."""
+    active = np.zeros(len(w), bool)
+    moving = np.flatnonzero(w.moving)
+    if inner:
+        moving = moving[moving > 0]  # an inner state is unknown where the record starts
+    if moving.size > MAX_REPLAYED_WINDOWS:
+        moving = moving[np.linspace(0, moving.size - 1, MAX_REPLAYED_WINDOWS).astype(int)]
+    active[moving] = True
+    return active
+
+
+def _is_worse(rows: Sequence[Floats], gain: Gain) -> bool:
+    """Whether free runs err more than at nominal; `rows`: squares of nominal, found, noise."""
     nominal, there, noise = (math.sqrt(float(np.median(row))) for row in rows)
     # A single window with a mistimed breakaway may give the RMS its size, so the median counts,
     # unless a cause that acts in few windows lowers the RMS for certain.  Errors that grow for
     # certain are no noise, however large the model says that it is.
     usually_worse = there > max(MAX_ERROR_RATIO * nominal, noise)
     surely_better = gain.interval[0] > MAX_ERROR_RATIO
-    worse = (usually_worse and not surely_better) or gain.interval[1] < 1.0 / MAX_ERROR_RATIO
-    return Judged(gain, left, worse)
+    return (usually_worse and not surely_better) or gain.interval[1] < 1.0 / MAX_ERROR_RATIO
 
 
 def _but_the_worst(

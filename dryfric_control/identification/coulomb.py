@@ -198,13 +198,7 @@ def identify_coulomb(
         instance("axis", axis, FrictionAxis)
         check_units(axis, record)
     pieces = crawl.average(record)
-    for s, name in _WAYS.items():
-        count = int(np.sum(pieces.direction == s))
-        if count < 10:
-            raise ValueError(
-                f"record slides in {name} direction over {count} pieces of motion only, 10 are "
-                "needed: it must cross the travel both ways"
-            )
+    _check_both_ways(pieces)
     travel = (float(record.x.min()), float(record.x.max()))
     viscous = mass = None
     unsure = np.zeros((2, 2))
@@ -254,6 +248,17 @@ def identify_coulomb(
     if warning := result._negative_level():
         warn(warning, FitWarning)
     return result
+
+
+def _check_both_ways(pieces: crawl.Pieces) -> None:
+    """Refuse a crawl that hardly slides in one direction."""
+    for s, name in _WAYS.items():
+        count = int(np.sum(pieces.direction == s))
+        if count < 10:
+            raise ValueError(
+                f"record slides in {name} direction over {count} pieces of motion only, 10 are "
+                "needed: it must cross the travel both ways"
+            )
 
 
 def _fit_level(

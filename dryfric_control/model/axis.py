@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -208,19 +208,7 @@ class FrictionAxis:
         given = self.effects
         alone = isinstance(given, (Effect, str)) or not isinstance(given, Iterable)
         put("effects", (given,) if alone else tuple(given))
-        for effect in self.effects:
-            if not isinstance(effect, Effect):
-                raise ValueError(
-                    "effects must be a sequence of effects, such as "
-                    f"[dfc.effects.Spring(stiffness=200.0)], got {effect!r}"
-                )
-        for action in WITH_STATE:
-            alike = [effect.slug for effect in self.effects if effect.action == action]
-            if len(alike) > 1:
-                mend = "keep one" if action in ("contact", "transmission") else "add them up"
-                raise ValueError(
-                    f"effects holds more than one {action} ({', '.join(alike)}): {mend}"
-                )
+        _check_effects(self.effects)
 
     def replace(self, **changes: Any) -> FrictionAxis:
         """Axis with some of its fields changed.
@@ -492,28 +480,16 @@ class FrictionAxis:
         one_of("input", input, ("drive", "force"))
         axis = self.effective()
         inner = rigid_inner(axis)
-        rate = axis.stick_rate if index == 0 else axis.viscous / axis.mass
-        gain = 0.0 if index == 0 and input == "drive" else 1.0 / axis.mass
-        pull = 0.0
-        read = 1.0
-        if at is not None:
-            slopes = self._slopes(index, at)
-            read = slopes[3]
-            if index != 0:
-                pull, rate = slopes[0], -slopes[1]
-                gain = slopes[2] if input == "drive" else gain
+        slopes = None if at is None else self._slopes(index, at)
+        pull, rate, gain, read = _mode_coefficients(axis, index, input, slopes)
         states, rates = ["x", "v"], {"stick_rate" if index == 0 else "viscous / mass": rate}
         a, b = np.array([[0.0, 1.0], [pull, -rate]]), np.array([[0.0], [gain]])
         if input == "drive" and inner.lag > 0.0:
             a = np.block([[a, b], [np.zeros((1, 2)), np.full((1, 1), -1.0 / inner.lag)]])
             b = np.array([[0.0], [0.0], [1.0 / inner.lag]])
             states, rates = [*states, "lagged"], rates | {"1 / lag": 1.0 / inner.lag}
-        for what, fall in rates.items():
-            if method == "euler" and dt * fall >= 2.0:
-                raise ValueError(
-                    f"Euler needs dt * {what} < 2, got {dt * fall:.4g}: "
-                    f'lower dt or {what}, or take method="zoh"'
-                )
+        if method == "euler":
+            _check_euler(rates, dt)
         if input == "drive" and inner.delay > 0.0:
             a, b = _delay_matrices(a, b, inner.delay, dt, method)
             states += [f"u_{k}" for k in range(1, len(a) - len(states) + 1)]
@@ -911,6 +887,32 @@ def _polynomial(coefficients: tuple[float, ...]) -> str:
     return " ".join(terms)
 
 
+def _mode_coefficients(
+    axis: FrictionAxis, index: int, input: str, slopes: tuple[float, float, float, float] | None
+) -> tuple[float, float, float, float]:
+    """Slope by position, decay rate and gain of a mode's acceleration, slope of the reading."""
+    pull = 0.0
+    rate = axis.stick_rate if index == 0 else axis.viscous / axis.mass
+    gain = 0.0 if index == 0 and input == "drive" else 1.0 / axis.mass
+    if slopes is None:
+        return pull, rate, gain, 1.0
+    if index != 0:
+        pull = slopes[0]
+        rate = -slopes[1]
+        gain = slopes[2] if input == "drive" else gain
+    return pull, rate, gain, slopes[3]
+
+
+def _check_euler(rates: Mapping[str, float], dt: float) -> None:
+    """Refuse a step with which Euler's method is unstable."""
+    for what, fall in rates.items():
+        if dt * fall >= 2.0:
+            raise ValueError(
+                f"Euler needs dt * {what} < 2, got {dt * fall:.4g}: "
+                f'lower dt or {what}, or take method="zoh"'
+            )
+
+
 def _usual_speed(axis: FrictionAxis, inner: Inner) -> float:
     """Velocity that an axis at rest, or on its elastic contact, does not exceed [m/s]."""
     if inner.contact == 0.0:
@@ -932,15 +934,75 @@ def _history_length(axis: FrictionAxis, inner: Inner, dt: float) -> int:
     return int(np.ceil(inner.delay / dt)) + 2 if inner.delay > 0.0 else 0
 
 
-def _structure_flags(inner: Inner, behind: bool) -> int:
-    """Flags of the inner states of an axis; `behind`: a transmission is before the load."""
+def _has_transmission(inner: Inner) -> bool:
+    """Whether a gap or a spring is before the load."""
+    return inner.half_gap > 0.0 or inner.stiffness > 0.0
+
+
+def _structure_flags(inner: Inner) -> int:
+    """Flags of the inner states of an axis."""
     return (
         axis_step.CONTACT * (inner.contact > 0.0)
         | axis_step.PLAY * (inner.half_gap > 0.0)
         | axis_step.SPRING * (inner.stiffness > 0.0)
-        | axis_step.ON_LOAD * (behind and inner.on_load > 0.0)
+        | axis_step.ON_LOAD * (_has_transmission(inner) and inner.on_load > 0.0)
         | axis_step.MOTOR_RUBS * (inner.motor_rubs > 0.0)
     )
+
+
+def _check_effects(effects: tuple[Effect, ...]) -> None:
+    """Refuse what is no effect, and several that need the same state."""
+    for effect in effects:
+        if not isinstance(effect, Effect):
+            raise ValueError(
+                "effects must be a sequence of effects, such as "
+                f"[dfc.effects.Spring(stiffness=200.0)], got {effect!r}"
+            )
+    for action in WITH_STATE:
+        alike = [effect.slug for effect in effects if effect.action == action]
+        if len(alike) > 1:
+            mend = "keep one" if action in ("contact", "transmission") else "add them up"
+            raise ValueError(f"effects holds more than one {action} ({', '.join(alike)}): {mend}")
+
+
+def _base_numbers(axis: FrictionAxis, inner: Inner, friction_mass: float) -> list[float]:
+    """Numbers of an axis before those of its laws; `friction_mass`: share of the mass with it."""
+    low, high = axis.travel or (-np.inf, np.inf)
+    stribeck = axis.stribeck
+    return [
+        1.0 / axis.mass,
+        axis.viscous,
+        stribeck.excess if stribeck else 0.0,
+        1.0 / stribeck.speed if stribeck else 0.0,
+        axis.stick_speed,
+        inner.contact_damping / axis.mass if inner.contact > 0.0 else axis.stick_rate,
+        low,
+        high,
+        *inner[: Inner._fields.index("load_fraction")],
+        1.0 / (axis.mass * (1.0 - friction_mass)) if _has_transmission(inner) else 0.0,
+        min((effect.shortest_length for effect in axis.effects), default=np.inf),
+        min((effect.shortest_time for effect in axis.effects), default=np.inf),
+        0.0,
+    ]
+
+
+def _task_addresses(structure: int) -> tuple[int, int]:
+    """Addresses of the functions that move an axis without, and with, its inner states."""
+    rigid = axis_step.rigid_task().address
+    return rigid, elastic.inner_task().address if structure else rigid
+
+
+def _append_load_side(
+    numbers: list[float], integers: list[int], inner: Inner, friction_mass: float
+) -> None:
+    """Append the numbers again for the mass with friction alone, behind a transmission."""
+    load = len(numbers)
+    integers[axis_step.N_NUMBERS] = load
+    numbers += numbers
+    numbers[load + axis_step.INVERSE_MASS] /= friction_mass
+    if inner.contact > 0.0:
+        numbers[load + axis_step.STICK_RATE] /= friction_mass
+    numbers[load + axis_step.BEHIND] = 1.0
 
 
 @functools.lru_cache(maxsize=1024)
@@ -958,26 +1020,11 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
     )
     laws = [*by_action["input"], *forces, *levels, *by_action["reading"]]
     inner = inner_of(axis)
-    behind = inner.half_gap > 0.0 or inner.stiffness > 0.0
     rubbing = 1.0 - inner.load_fraction if inner.motor_rubs else inner.load_fraction
     loaded = sum(effect.depends_on_load for effect in levels)
     corners = input_corners(by_action["input"])
-    low, high = axis.travel or (-np.inf, np.inf)
-    stribeck = axis.stribeck
     numbers = [
-        1.0 / axis.mass,
-        axis.viscous,
-        stribeck.excess if stribeck else 0.0,
-        1.0 / stribeck.speed if stribeck else 0.0,
-        axis.stick_speed,
-        inner.contact_damping / axis.mass if inner.contact > 0.0 else axis.stick_rate,
-        low,
-        high,
-        *inner[: Inner._fields.index("load_fraction")],
-        1.0 / (axis.mass * (1.0 - rubbing)) if behind else 0.0,
-        min((effect.shortest_length for effect in axis.effects), default=np.inf),
-        min((effect.shortest_time for effect in axis.effects), default=np.inf),
-        0.0,
+        *_base_numbers(axis, inner, rubbing),
         rubbing if inner.half_gap > 0.0 and loaded and not inner.motor_rubs else 1.0,
         inner.bristles,
         0.0,
@@ -985,11 +1032,8 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
         *axis.coulomb.plus,
         *axis.coulomb.minus,
     ]
-    history, structure = _history_length(axis, inner, dt), _structure_flags(inner, behind)
-    tasks = [0, 0]  # addresses
-    if moved:
-        rigid = axis_step.rigid_task().address
-        tasks = [rigid, elastic.inner_task().address if structure else rigid]
+    history = _history_length(axis, inner, dt)
+    structure = _structure_flags(inner)
     integers = [
         SWITCHING[axis.switching],
         len(axis.coulomb.plus),
@@ -1001,7 +1045,7 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
         history,
         structure,
         0,
-        *tasks,
+        *(_task_addresses(structure) if moved else (0, 0)),
         sum(effect.within_peak for effect in levels),
         len(by_action["reading"]),
         loaded,
@@ -1018,14 +1062,8 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
             numbers += Slopes()
         integers += [law_address(type(effect)), len(numbers)]
         numbers += effect.values
-    if behind:
-        integers[axis_step.N_NUMBERS] = len(numbers)
-        numbers += numbers
-        load = integers[axis_step.N_NUMBERS]
-        numbers[load + axis_step.INVERSE_MASS] /= rubbing
-        if inner.contact > 0.0:
-            numbers[load + axis_step.STICK_RATE] /= rubbing
-        numbers[load + axis_step.BEHIND] = 1.0
+    if _has_transmission(inner):
+        _append_load_side(numbers, integers, inner, rubbing)
     result = Arrays(
         np.array(numbers, dtype=float),
         np.array(integers, dtype=np.int64),

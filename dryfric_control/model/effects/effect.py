@@ -679,14 +679,9 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     said = {name for one in cls.__mro__ if one is not Effect for name in vars(one)}
     if "slug" not in said:
         cls.slug = re.sub("(?<=[a-z])(?=[A-Z])", "_", own).lower()
-    slug = cls.slug
-    if not isinstance(slug, str) or not slug.isidentifier() or slug.rpartition("_")[2].isdecimal():
-        raise ValueError(f"{own}.slug must be a lower-case word, no number behind it, got {slug!r}")
+    _check_slug(cls)
     if cls.action not in ACTIONS:
         raise ValueError(f"{own}.action must be one of {ACTIONS}, got {cls.action!r}")
-    known = REGISTRY.get(slug)
-    if known is not None and known.__qualname__ != cls.__qualname__:
-        raise ValueError(f"slug {slug!r} belongs to {known.__name__}: choose another")
     method, needed = _METHODS[cls.action]
     found = getattr(cls, method, None)
     if not callable(found) or found is Effect.inner:
@@ -694,9 +689,21 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     _check_numbers(cls)
     _document_parameters(cls)
     if "title" not in said:
-        cls.title = slug.replace("_", " ")
-    REGISTRY[slug] = cls
+        cls.title = cls.slug.replace("_", " ")
+    REGISTRY[cls.slug] = cls
     return cls
+
+
+def _check_slug(cls: type[Effect]) -> None:
+    """Refuse a slug that is no word, or that of another effect."""
+    slug = cls.slug
+    if not isinstance(slug, str) or not slug.isidentifier() or slug.rpartition("_")[2].isdecimal():
+        raise ValueError(
+            f"{cls.__name__}.slug must be a lower-case word, no number behind it, got {slug!r}"
+        )
+    known = REGISTRY.get(slug)
+    if known is not None and known.__qualname__ != cls.__qualname__:
+        raise ValueError(f"slug {slug!r} belongs to {known.__name__}: choose another")
 
 
 def _document_parameters(cls: type[Effect]) -> None:

@@ -223,9 +223,7 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
     columns, timed = _checked_columns(wanted.columns), wanted.timed
     if not headings:
         raise ValueError(f"{where} holds no columns; at least t, u and x are needed")
-    names = [split_header(h)[0] for h in headings]
-    if wanted.joint is not None:
-        names = _of_joint(names, str(wanted.joint), where)
+    names = _column_names(headings, wanted.joint, where)
     if not columns and not any(headings):
         return _in_order(len(headings), where, timed)
     chosen = {
@@ -243,6 +241,12 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
             chosen[role] = found[0]
     _check_roles(chosen, "u" not in columns, timed, headings, where)
     return chosen
+
+
+def _column_names(headings: list[str], joint: str | int | None, where: str) -> list[str]:
+    """Names in headings; of a joint those of its columns without it, others empty."""
+    names = [split_header(h)[0] for h in headings]
+    return names if joint is None else _of_joint(names, str(joint), where)
 
 
 def _check_roles(

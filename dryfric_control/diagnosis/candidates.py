@@ -98,12 +98,14 @@ def shown_range(
     owner, _, own = name.partition(".")
     effect = effect_class(owner)
     item = effect.parameters()[own]
-    kind, unit = item["kind"], item["unit"]
+    kind = item["kind"]
+    unit = item["unit"]
     if kind == "share":
         # A very light mass would vibrate over thousands of steps while the other rests.
         return KINDS["share"]
     if kind == "place":
-        low, high = min(float(r.x.min()) for r in records), max(float(r.x.max()) for r in records)
+        low = min(float(r.x.min()) for r in records)
+        high = max(float(r.x.max()) for r in records)
         room = _TRAVEL_MARGIN * (high - low)
         return min([low - room, *(travel or ())]), max([high + room, *(travel or ())])
     dt = float(np.median([r.dt for r in records]))

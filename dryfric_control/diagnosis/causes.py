@@ -72,7 +72,8 @@ def cause_of(
 
 def hardly_determined(axis: FrictionAxis, causes: Sequence[Cause]) -> list[str]:
     """A message for each parameter that is hardly determined, beside its or the nominal value."""
-    messages, present = [], named(axis)
+    messages = []
+    present = named(axis)
     for cause in causes:
         kinds = effect_class(cause.effect).parameters()
         for name, value in cause.parameters.items():
@@ -93,7 +94,8 @@ def causes_of(
 ) -> list[Cause]:
     """Causes of a model, those with most evidence first, and wrong base parameters."""
     problem = search.problem
-    errors, units = final.standard_errors(), {p.name: p.unit for p in final.problem.parameters}
+    errors = final.standard_errors()
+    units = {p.name: p.unit for p in final.problem.parameters}
     if problem.scale_open:
         errors |= {
             n: math.hypot(errors[n], BASE_LOG_DEVIATION * abs(v))
@@ -126,10 +128,12 @@ def _effects_of(
     alternatives: Mapping[str, Sequence[str]],
 ) -> list[Cause]:
     """The effects of a model as causes, those with most evidence first."""
-    problem, found = search.problem, []
+    problem = search.problem
+    found = []
     for name in sorted(model.causes, key=lambda n: -model.worth.get(n, 0.0)):
         own = {n.partition(".")[2]: n for n in model.cause_parameters(name) if n in fitted}
-        less, fall = model.less.get(name), np.zeros(1)
+        less = model.less.get(name)
+        fall = np.zeros(1)
         if less is not None and less.fit.point.out:
             fall = less.fit.held_out() - model.fit.held_out()
         fall = fall[np.isfinite(fall)]
@@ -171,7 +175,8 @@ def _wrong_base(
     search: Search, model: Model, final: Solution, fitted: Mapping[str, tuple[float, float, str]]
 ) -> list[Cause]:
     """Base parameters with a notable and significant error, as causes."""
-    problem, found = search.problem, []
+    problem = search.problem
+    found = []
     for name in (n for n in problem.base if n in fitted):
         nominal, (value, spread, _) = problem.nominal[name], fitted[name]
         effect, _, part = name.partition(".")
@@ -195,7 +200,8 @@ def _wrong_base(
 
 def _differ_in_scale(problem: Problem, *two: Cause) -> bool:
     """Whether two values are off by different factors: the same one brings both to nominal."""
-    ratios, errors = [], []
+    ratios = []
+    errors = []
     for cause in two:
         ((name, value),) = cause.parameters.items()
         unit = problem.nominal.get(name) or 1e-300
@@ -220,7 +226,8 @@ def _load_does_the_same(problem: Problem, model: Model, final: Solution, held: s
     """Whether load-dependent friction, with base parameter `held` at nominal, fits as well."""
     if _LOAD not in REGISTRY or _LOAD in model.causes or problem.is_overdue:
         return False
-    values, nominal = final.values(), problem.nominal[held]
+    values = final.values()
+    nominal = problem.nominal[held]
     shares = [p.name for p in final.problem.parameters if p.kind == "share"]
     scale = nominal / values[held]
     if held == "mass" and shares:  # of the load in the mass
@@ -255,7 +262,8 @@ def varying_parameters(
 ) -> tuple[dict[str, dict[str, list[float]]], Solution]:
     """Parameters that differ between records, with standard errors, and the fit with them."""
     count = len(problem.runs)
-    now, own = final, problem.own
+    now = final
+    own = problem.own
     while count > 1 and not problem.is_overdue:
         best = _next_varying(replace(problem, own=own), final, now)
         if best is None:
@@ -321,7 +329,9 @@ def _varying_fit(
 
 def _is_determined(less: Solution, more: Solution) -> bool:
     """Whether a further record-specific parameter leaves the others determined, and is itself."""
-    before, after, values = less.standard_errors(), more.standard_errors(), more.values()
+    before = less.standard_errors()
+    after = more.standard_errors()
+    values = more.values()
     new = [n for n in after if "@" in n and n not in before]
     differ = float(np.ptp([values[n] for n in new]))
     known = all(after[n] < 2.0 * before[n] for n in before if "@" in n)
@@ -354,7 +364,8 @@ def changing_cause(search: Search, model: Model, final: Solution) -> str:
 
 def scale_forces(axis: FrictionAxis, scale: float) -> FrictionAxis:
     """The axis that moves alike: every force, and the gain of the drive, times `scale`."""
-    gain, effects = scale, []
+    gain = scale
+    effects = []
     for effect in axis.effects:
         if isinstance(effect, InputGain):
             gain *= effect.gain
@@ -364,9 +375,11 @@ def scale_forces(axis: FrictionAxis, scale: float) -> FrictionAxis:
     if not math.isclose(gain, 1.0):
         effects.insert(0, InputGain(gain))
     return axis.replace(
-        mass=scale * axis.mass, viscous=scale * axis.viscous,
-        coulomb=axis.coulomb.scaled(scale), effects=effects,
-    )  # fmt: skip
+        mass=scale * axis.mass,
+        viscous=scale * axis.viscous,
+        coulomb=axis.coulomb.scaled(scale),
+        effects=effects,
+    )
 
 
 def equivalent_axis(

@@ -223,7 +223,8 @@ def diagnose(
     limit = math.inf if time_limit is None else positive("time_limit", time_limit, unit="s")
     known, tolerance = checked_knowledge(known, tolerance)
     axis = axis.effective()
-    several, records = isinstance(record, (list, tuple)), list(checked_records(record))
+    several = isinstance(record, (list, tuple))
+    records = list(checked_records(record))
     window = _window(axis, records) if window is None else window
     windows = []
     for i, one in enumerate(records):
@@ -239,10 +240,15 @@ def diagnose(
                 on_update(step, tuple(causes))
 
         problem = Problem(
-            axis, tuple(prepare(r, mass=axis.mass) for r in records), known, tolerance,
-            hold=hold, jobs=jobs,
-            until=begun + (1.0 - ANSWER_TIME_FRACTION) * limit, windows=tuple(windows),
-        )  # fmt: skip
+            axis,
+            tuple(prepare(r, mass=axis.mass) for r in records),
+            known,
+            tolerance,
+            hold=hold,
+            jobs=jobs,
+            until=begun + (1.0 - ANSWER_TIME_FRACTION) * limit,
+            windows=tuple(windows),
+        )
         # Candidates are fitted in parallel: threads of the linear algebra would only wait.
         with threadpool_limits(1, user_api="blas"):
             return _search_and_judge(problem, records, windows, window, tell, begun + limit)
@@ -259,8 +265,9 @@ def _search_and_judge(
     """Search for causes, judge what they explain, and describe them."""
     tell("base parameters")
     search, model, interrupted = _search(problem, tell)
-    late = search.problem.is_overdue
-    message = [_INTERRUPTED] if interrupted else [LATE] if late else []
+    message = [LATE] if search.problem.is_overdue else []
+    if interrupted:
+        message = [_INTERRUPTED]
     answer = functools.partial(
         _Answer, search, model, problem.runs, records, windows, window, tell, end
     )
@@ -327,7 +334,8 @@ class _Answer:
                 self.problem, self.model, final, rivals, self.causes, self.records[0]
             )
         causes = [*self.causes, *self.varies]
-        search, samples = self.search, self.problem.samples
+        search = self.search
+        samples = self.problem.samples
         return Diagnosis(
             axis=self.problem.believed,
             record=self.records[0],
@@ -352,7 +360,8 @@ class _Answer:
 
     def _final_fit(self) -> Solution:
         """The model fitted to all data; without a lead of the input that is too short to be one."""
-        problem, final = self.problem, self.model.fit
+        problem = self.problem
+        final = self.model.fit
         if self.finished and not final.promised < CONVERGED_GAIN:
             # With slopes that switches belong to: near the end those of a recursion creep.  And
             # from a large random force, with which the cost is smooth.
@@ -455,7 +464,8 @@ class _Answer:
 
     def _remaining_force(self) -> Remaining:
         """The random force that is left, if free runs show one."""
-        left, unit = self.found.left, self.problem.believed.units[1]
+        left = self.found.left
+        unit = self.problem.believed.units[1]
         if left.significant or shows(self.problem, self.heard):
             return remaining_force(self.heard, left.significant, left.where, unit)
         return Remaining(unit=unit)
@@ -577,12 +587,18 @@ def _search_other_inputs(
         less = replace(other, shift=None)
         alone = _continue_fit(less, fit, COMPARISON_ITERATIONS)
         if with_input_lead(less, alone) is None:
-            other, fit = less, alone
+            other = less
+            fit = alone
     if fit is model.fit:
         return None
     again = Search(
-        other, search.tell, search.not_tried, dict(search.odds), search.first, before=search,
-    )  # fmt: skip
+        other,
+        search.tell,
+        search.not_tried,
+        dict(search.odds),
+        search.first,
+        before=search,
+    )
     again.now = Model(fit, model.causes)
     return again, again.run(again.eliminate_causes(again.now))
 

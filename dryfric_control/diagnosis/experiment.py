@@ -116,7 +116,8 @@ class Experiment(Result):
             )
         columns = {"t": self.t, "reference": self.reference}
         columns |= {} if self.force is None else {"force": self.force}
-        table, head = np.column_stack([*columns.values()]), ",".join(columns)
+        table = np.column_stack([*columns.values()])
+        head = ",".join(columns)
         with replace_file(path) as part:
             np.savetxt(part, table, fmt="%.9g", delimiter=",", header=head, comments="")
 
@@ -243,7 +244,9 @@ def _search(
     quantum = record.resolution.step
     refits = [Refit.from_axis(one, record, quantum) for one in axes]
     tried: dict[str, float] = {}
-    best, chosen, left = -1.0, None, []
+    best = -1.0
+    chosen = None
+    left = []
     for changed in (False, True):
         some = [e for e in EXCITATIONS if (e.change is not None) == changed]
         made = (largest_trial(e, stage, axes, quantum, record.dt) for e in some)
@@ -259,7 +262,9 @@ def _search(
                 break
             pairs = _distances(stages[k], quantum, refits, raw[k])
             if exceeds(_separation_merit(pairs), best):
-                best, chosen, left = _separation_merit(pairs), stages[k], pairs
+                best = _separation_merit(pairs)
+                chosen = stages[k]
+                left = pairs
         if left and all(pair.is_sufficient for pair in left):
             break
     return tried, chosen, left

@@ -93,7 +93,8 @@ class ForceView(ModelView):
             self.base_forces(self.problem.base) or [np.zeros(self.x.size)]
         )
         ridge = np.eye(columns.shape[1]) / BASE_LOG_DEVIATION
-        left, unit = self.y, max(float(np.std(self.y)), 1e-300)
+        left = self.y
+        unit = max(float(np.std(self.y)), 1e-300)
         for _ in range(2):
             # The prior of the base counts in units of what is left, by its independent samples.
             rows = np.concatenate((columns / unit, ridge))
@@ -136,7 +137,8 @@ class ForceView(ModelView):
         late = _minimise_on_grid(
             lambda d: self._left_by_curve(needed, round(d)), 1.0, max(longest, 2.0)
         )
-        late, most = round(late), _EXPLAINED * float(needed @ needed)
+        late = round(late)
+        most = _EXPLAINED * float(needed @ needed)
         if self._left_by_curve(needed, late) > min(_HALVED * self._left_by_curve(needed, 0), most):
             late = 0
         u = self._delayed_drive(late)
@@ -171,7 +173,8 @@ class ForceView(ModelView):
         return -self.scale * self._smooth_forces(some)
 
     def steps(self, names: Sequence[str]) -> Floats:
-        found, now = [], self._missing(self.axis)
+        found = []
+        now = self._missing(self.axis)
         for name in names:
             if name == SHIFT:
                 found.append(np.gradient(self.u))
@@ -189,7 +192,8 @@ class ForceView(ModelView):
         return np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
 
     def slopes(self, left: Floats) -> tuple[Floats, Floats]:
-        at, found = 0, []
+        at = 0
+        found = []
         for motion in self.motions:
             end = at + motion.places.size
             found.append(motion.spread(left[at:end]))
@@ -203,5 +207,6 @@ def _minimise_on_grid(function: Callable[[float], float], low: float, high: floa
     for _ in range(2):
         grid = np.geomspace(low, high, _GRID)
         k = int(np.argmin([function(one) for one in grid]))
-        low, high = grid[max(k - 1, 0)], grid[min(k + 1, _GRID - 1)]
+        low = grid[max(k - 1, 0)]
+        high = grid[min(k + 1, _GRID - 1)]
     return float(grid[k])

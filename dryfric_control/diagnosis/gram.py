@@ -37,7 +37,7 @@ from dryfric_control.diagnosis.thresholds import (
     NEGLIGIBLE_FORCE_RATIO,
     NOISE_SCALE_ITERATIONS,
     SCREENING_FORCE_FACTORS,
-)  # fmt: skip
+)
 from dryfric_control.estimation.likelihood import (
     BASE,
     BASE_LOG_DEVIATION,
@@ -169,7 +169,8 @@ class Gram:
     odds: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        problem, fit = self.problem, self.fit
+        problem = self.problem
+        fit = self.fit
         self.noises = screening_noises(problem, fit)
         z = np.concatenate((fit.z[: len(fit.problem.names)], self.noises))
         self.likelihood, self.z = self._rigid(fit.problem, z)
@@ -198,7 +199,8 @@ class Gram:
 
     def _add(self, added: Iterator[tuple[str, Column, FloatArray, float]]) -> None:
         """Add shapes with their columns to the normal equations."""
-        problem, here = self.problem, self.here
+        problem = self.problem
+        here = self.here
         at = sum(block.shape[1] for block in self._blocks)
         for name, column, values, gain in added:
             width = values.shape[1]
@@ -268,9 +270,10 @@ class Gram:
         change = np.linalg.lstsq(columns, -self.here.y, rcond=1e-9)[0]
         low = {p.name: p.low for p in self.likelihood.parameters}
         return [
-            n for n, c in zip(self.base, change, strict=True)
+            n
+            for n, c in zip(self.base, change, strict=True)
             if n in amounts and low[n] >= 0.0 and 1.0 + c < 0.0
-        ]  # fmt: skip
+        ]
 
     @property
     def has_bristles(self) -> bool:
@@ -283,7 +286,8 @@ class Gram:
     @cached_property
     def _shapes(self) -> dict[str, list[Column]]:
         """Shapes of all effects, by name."""
-        found, present = dict[str, list[Column]](), named(self.problem.believed)
+        found = dict[str, list[Column]]()
+        present = named(self.problem.believed)
         bends = self.has_bristles
         for name in self.names:
             try:
@@ -309,9 +313,11 @@ class Gram:
         """Shapes of all effects with their weighted columns."""
         for kind, respond in (("force", self.here.of_forces), ("reading", self.here.of_readings)):
             waiting = [
-                (name, one) for name, some in self._shapes.items() for one in some
+                (name, one)
+                for name, some in self._shapes.items()
+                for one in some
                 if getattr(one, kind)
-            ]  # fmt: skip
+            ]
             for k in range(0, len(waiting), _COLUMN_BATCH):
                 some = waiting[k : k + _COLUMN_BATCH]
                 values = respond([a for _, one in some for a in getattr(one, kind)])
@@ -324,9 +330,11 @@ class Gram:
     def _simulated_shapes(self) -> Iterator[tuple[str, Column, FloatArray, float]]:
         """Shapes without force columns, from a pass of the filter each."""
         tasks = [
-            (name, one) for name, some in self._shapes.items() for one in some
+            (name, one)
+            for name, some in self._shapes.items()
+            for one in some
             if not (one.force or one.reading)
-        ]  # fmt: skip
+        ]
         levels = self._levels
         if tasks and self.likelihood is not self.fit.problem:
             levels = self._costs(self.likelihood, self._parts)
@@ -358,9 +366,10 @@ class Gram:
     ) -> None:
         """Note effects without a likelihood at any of their shapes."""
         likely = {
-            name for name, row in zip(names, found, strict=True)
+            name
+            for name, row in zip(names, found, strict=True)
             if row is not None and math.isfinite(row[1])
-        }  # fmt: skip
+        }
         for name in dict.fromkeys(names):
             if name not in likely:
                 self.fail(name, "no likelihood at any of its shapes: its law gives no numbers")
@@ -393,10 +402,13 @@ class Gram:
         parameters may change along; `signed`: whether amounts keep the sign they must have.
         """
         held = 0 if moved else len(self.base)
-        index = np.array([
-            [*range(held, self.fixed), *(j for g in chosen for j in self.items[g].at)]
-            for chosen in sets
-        ], int)  # fmt: skip
+        index = np.array(
+            [
+                [*range(held, self.fixed), *(j for g in chosen for j in self.items[g].at)]
+                for chosen in sets
+            ],
+            int,
+        )
         m = self.g[index[:, :, None], index[:, None, :]]
         m += _RIDGE * np.eye(index.shape[1])
         b = self.b[index]
@@ -436,7 +448,8 @@ class Gram:
 
         Another one then takes it back: the two are one undetermined direction.
         """
-        c, at = self._predicted_gains([chosen], True, signed=False)[1][0], self.fixed
+        c = self._predicted_gains([chosen], True, signed=False)[1][0]
+        at = self.fixed
         for g in chosen:
             columns = self.items[g].column.force
             force = sum(v * f for v, f in zip(c[at:], columns, strict=False))
@@ -517,7 +530,8 @@ class Gram:
         for k in range(len(chosen) - 1):
             gain, g = self._best_item([*chosen[:k], *chosen[k + 1 :]], (REVERSAL,), barred)
             if gain > now + MIN_EXCHANGE_GAIN:
-                chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
+                chosen = [*chosen[:k], g, *chosen[k + 1 :]]
+                now = gain
         return chosen
 
     def _count_independent(self, left: FloatArray) -> None:
@@ -532,19 +546,22 @@ class Gram:
         """Cost of the changes of base parameters as assumptions, which is not quadratic."""
         nominal = np.array([self.problem.nominal[n] for n in self.base])
         counts = [
-            k for k, n in enumerate(self.base)
+            k
+            for k, n in enumerate(self.base)
             if nominal[k] != 0.0 and n not in self.problem.tolerance
-        ]  # fmt: skip
+        ]
         there = self._now[counts] * (1.0 + c[..., counts]) / nominal[counts]
         return np.asarray(joint_nominal_error_cost(nominal_error_cost(there))[0])
 
     def input_lead_gain(self) -> float:
         """Predicted gain of a drive that acts before its time stamps, 0 if by chance."""
         late = [
-            [g] for g, one in enumerate(self.items)
+            [g]
+            for g, one in enumerate(self.items)
             if one.name != REVERSAL
-            and effect_class(one.name).action == "delay" and one.column.force
-        ]  # fmt: skip
+            and effect_class(one.name).action == "delay"
+            and one.column.force
+        ]
         if not late:
             return 0.0
         gains, c = self._predicted_gains(late, True, signed=False)
@@ -565,13 +582,16 @@ class Gram:
         builds_up = any(_builds_up(n) for n in names)
         actions = {effect_class(n).action for n in names - {REVERSAL}} & {*EXCLUSIVE_ACTIONS}
         some = [
-            g for g, one in enumerate(self.items)
-            if one.name not in names and one.name not in barred
+            g
+            for g, one in enumerate(self.items)
+            if one.name not in names
+            and one.name not in barred
             and not (builds_up and _builds_up(one.name))
-            and (one.name in also or (
-                one.name != REVERSAL and effect_class(one.name).action not in actions
-            ))
-        ]  # fmt: skip
+            and (
+                one.name in also
+                or (one.name != REVERSAL and effect_class(one.name).action not in actions)
+            )
+        ]
         gains = self.gains([[*chosen, g] for g in some])
         top = max(gains, default=-math.inf)
         # Of equals the one with the fewest columns.
@@ -612,9 +632,10 @@ class Gram:
         most = max((gain for gain, g in rows if self.items[g].gain > -math.inf), default=0.0)
         least = _MIN_GAIN_FRACTION * most
         likely = [
-            (gain, [g]) for gain, g in rows
+            (gain, [g])
+            for gain, g in rows
             if gain > max(self._chance(g), least * (self.items[g].gain > -math.inf))
-        ]  # fmt: skip
+        ]
         found = likely[:MAX_SINGLE_PROPOSALS]
         chosen: list[int] = []
         now = self.base_gain
@@ -622,11 +643,13 @@ class Gram:
             gain, g = self._best_item(chosen)
             if g < 0 or gain < now + self._chance(g):
                 break
-            chosen, now = [*chosen, g], gain
+            chosen = [*chosen, g]
+            now = gain
             for k in range(len(chosen)):
                 gain, g = self._best_item(chosen[:k] + chosen[k + 1 :])
                 if gain > now + MIN_EXCHANGE_GAIN:
-                    chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
+                    chosen = [*chosen[:k], g, *chosen[k + 1 :]]
+                    now = gain
             if len(chosen) > 1:
                 found.append((now - self.base_gain, list(chosen)))
         return found
@@ -709,10 +732,11 @@ class Gram:
     def proposals(self) -> list[Proposal]:
         """Starts of fits that it has not proposed yet, with the likeliest shapes in a pass."""
         sets = [
-            (gain, some, names) for gain, some in self.sets()
+            (gain, some, names)
+            for gain, some in self.sets()
             for names in (frozenset(self.items[g].name for g in some),)
             if names not in self._proposed
-        ]  # fmt: skip
+        ]
         self._proposed.update(s[2] for s in sets)
         starts = self.problem.parallel(self._starts, [s[0] for s in sets], [s[1] for s in sets])
         return [*itertools.chain(*starts), *self._instead_of_base()]
@@ -724,7 +748,8 @@ class Gram:
         it is that with which the base is least surprising.
         """
         found: dict[str, Proposal] = {}
-        count, likelihood = len(self.base), self.likelihood
+        count = len(self.base)
+        likelihood = self.likelihood
         level = profiled_cost(likelihood, likelihood.at(self.z)) + likelihood.prior(self.z)
         for one in self.items:
             if len(one.at) != 1 or not count or one.gain > -math.inf or one.name == REVERSAL:
@@ -813,8 +838,10 @@ class Gram:
     def _axes(self, chosen: Sequence[int]) -> Iterator[tuple[FrictionAxis, tuple[str, ...]]]:
         """The model with items at their coefficients, its base as it is and moved along."""
         for moved in (False, True) if self.base else (False,):
-            c, at = self._predicted_gains([chosen], moved)[1][0], self.fixed
-            axis, free = self.fit.axis, list[str]()
+            c = self._predicted_gains([chosen], moved)[1][0]
+            at = self.fixed
+            axis = self.fit.axis
+            free = list[str]()
             for g in chosen:
                 one = self.items[g]
                 values = one.column.values([float(v) for v in c[at : at + len(one.at)]])
@@ -823,7 +850,8 @@ class Gram:
                 except ValueError as problem:
                     self.fail(one.name, str(problem))
                     return
-                axis, at = start.axis, at + len(one.at)
+                axis = start.axis
+                at = at + len(one.at)
                 held = [n for n in start.free if self.problem.constant(n)]
                 axis = with_values(axis, held, [self.here.middle] * len(held))
                 free += [n for n in start.free if n not in held]
@@ -833,7 +861,8 @@ class Gram:
 
     def _change_base(self, axis: FrictionAxis, c: FloatArray) -> FloatArray:
         """Base parameters after relative changes, with their sign and within their bounds."""
-        now, some = values_of(axis, self.base), {p.name: p for p in self.likelihood.parameters}
+        now = values_of(axis, self.base)
+        some = {p.name: p for p in self.likelihood.parameters}
         low, high = (np.array([getattr(some[n], b) for n in self.base]) for b in ("low", "high"))
         factor = np.where(low < 0.0, 1.0 + c, np.clip(1.0 + c, *_BASE_FACTOR_LIMITS))
         rise = np.clip(now * factor, low, high)

@@ -81,7 +81,8 @@ def as_recorded(fit: Solution, recorded: Sequence[Run]) -> Solution:
     runs = [replace(r, u=one.u) for r, one in zip(fit.problem.runs, recorded, strict=True)]
     if all(np.array_equal(a.u, b.u) for a, b in zip(runs, fit.problem.runs, strict=True)):
         return fit
-    problem, known = fit.problem.on(runs), slice(len(fit.problem.names))
+    problem = fit.problem.on(runs)
+    known = slice(len(fit.problem.names))
     problem.low, problem.high = problem.low.copy(), problem.high.copy()
     problem.low[known] = problem.high[known] = fit.z[known]
     return maximise(problem, fit.z, 12)
@@ -93,7 +94,8 @@ def with_input_lead(problem: Problem, fit: Solution) -> tuple[Problem, Solution]
         return None
     if any(e.action in ("delay", "lag") for e in fit.axis.effects):
         return None
-    free, dt = problem.free_of(fit), problem.scales.step
+    free = problem.free_of(fit)
+    dt = problem.scales.step
     costs = {}
     for samples in thresholds.INPUT_LEADS:
         one = replace(problem, shift=-samples * dt)
@@ -137,7 +139,8 @@ def driven_model(problem: Problem, begun: Solution, found: Model) -> Model | Non
     A drive that holds an axis near breakaway bends its contact, where a rigid one predicts no
     motion: so with an elastic contact, too, unless the nominal axis has one.
     """
-    free, axis = problem.free_of(found.fit), found.fit.axis
+    free = problem.free_of(found.fit)
+    axis = found.fit.axis
     try:
         fit = problem.fit(axis, free, turns=COMPARISON_ITERATIONS)
     except ValueError:

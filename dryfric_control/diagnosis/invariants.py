@@ -51,11 +51,13 @@ def _beyond_record(problem: Problem, axes: Sequence[FrictionAxis], name: str) ->
     rows = zip(axes, problem.motions, problem.runs, strict=True)
     found = []
     for axis, motion, run in rows:
-        bare, way = problem.remove_effects(axis, name), motion.direction.astype(np.int64)
+        bare = problem.remove_effects(axis, name)
+        way = motion.direction.astype(np.int64)
         forces = [
             net_force(one, run.record.t, motion.x, motion.v, run.u, way) for one in (axis, bare)
         ]
-        drive, inertia = float(np.linalg.norm(run.u)), float(np.linalg.norm(motion.a))
+        drive = float(np.linalg.norm(run.u))
+        inertia = float(np.linalg.norm(motion.a))
         force = float(np.linalg.norm((forces[0] - forces[1])[way != 0]))
         found.append(force > max(drive, problem.believed.mass * inertia))
     return all(found)
@@ -91,7 +93,8 @@ def _is_beyond_bound(fit: Solution, name: str) -> bool:
 def _loss(fit: Solution, name: str, neutral: float) -> float:
     """Log-likelihood that is lost without an amount, the other parameters as they are."""
     # Standard errors do not show it: where it acts at single events, differences have no slope.
-    z, problem = fit.z.copy(), fit.problem
+    z = fit.z.copy()
+    problem = fit.problem
     for j, p in enumerate(problem.parameters):
         z[j] = p.search(max(neutral, p.low)) if p.name == name else z[j]
     return problem.tried(np.clip(z, problem.low, problem.high)).cost - fit.cost

@@ -36,7 +36,9 @@ class Linearised(ModelView):
         records = [run.record for run in likelihood.runs]
         self.slices, self.recursions, at = [], list[Recursion](), 0
         for i, (run, states) in enumerate(zip(likelihood.runs, self.point.states, strict=True)):
-            n, dt, one = len(run.record), run.record.dt, likelihood.axis_at(z, i)
+            n = len(run.record)
+            dt = run.record.dt
+            one = likelihood.axis_at(z, i)
             self.slices.append(slice(at, at + n))
             at += n
             self.recursions.append(recursion(one, dt, states, run.w.size > 0))
@@ -59,14 +61,16 @@ class Linearised(ModelView):
         self.u = np.concatenate([run.u for run in likelihood.runs])
         loads = [r.known_force for r in records]
         known = any(one.size for one in loads)
-        self.load = np.concatenate([
-            one if one.size or not known else np.zeros(len(r))
-            for one, r in zip(loads, records, strict=True)
-        ])  # fmt: skip
+        self.load = np.concatenate(
+            [
+                one if one.size or not known else np.zeros(len(r))
+                for one, r in zip(loads, records, strict=True)
+            ]
+        )
         self.x, self.v = states[0], states[1]
-        self.a = np.concatenate([
-            np.gradient(uniform_filter1d(self.v[part], _SMOOTH)) / self.dt for part in self.slices
-        ])  # fmt: skip
+        self.a = np.concatenate(
+            [np.gradient(uniform_filter1d(self.v[part], _SMOOTH)) / self.dt for part in self.slices]
+        )
         self.direction = np.sign(states[2])
 
     def columns(self, force: Floats, reading: Floats) -> Floats:

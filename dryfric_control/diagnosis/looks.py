@@ -23,7 +23,7 @@ from dryfric_control.diagnosis.thresholds import (
     MIN_DECIDING_GAIN,
     MIN_EVIDENCE,
     REMAINING_GAIN_RATIO,
-)  # fmt: skip
+)
 from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.scoring import (
@@ -44,9 +44,13 @@ _Top = tuple[float, tuple[float, float]]
 
 
 def fit_beside(
-    problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution,
-    turns: int = COMPARISON_ITERATIONS, **settings: Any,
-) -> Solution:  # fmt: skip
+    problem: Problem,
+    axis: FrictionAxis,
+    free: Sequence[str],
+    now: Solution,
+    turns: int = COMPARISON_ITERATIONS,
+    **settings: Any,
+) -> Solution:
     """Fit beside a model, from its noises if it starts as likely, else from a large random force.
 
     From far away a small random force leads to a local minimum, thousands of units too high: with
@@ -180,7 +184,8 @@ class ProposalFits:
             if not waiting and joined:
                 # Joined causes are looked at if they promise more than single ones reached.
                 some = [p for p in joined if p.predicted > top[0] - FIT_SLACK]
-                waiting, joined = self._first_fits(some, proposals), []
+                waiting = self._first_fits(some, proposals)
+                joined = []
                 continue
             if not waiting:
                 return
@@ -211,12 +216,13 @@ class ProposalFits:
         reached = [(r.names, r.fit.cost) for r in self.rows]
         reached += [(one.proposal.names, one.fit.cost) for one in waiting]
         return [
-            one for one in waiting
-            if self._can_gain(one, top) and not any(
-                {*names} < {*one.proposal.names} and cost <= one.fit.cost
-                for names, cost in reached
+            one
+            for one in waiting
+            if self._can_gain(one, top)
+            and not any(
+                {*names} < {*one.proposal.names} and cost <= one.fit.cost for names, cost in reached
             )
-        ]  # fmt: skip
+        ]
 
     def _level(self, part: float) -> float:
         """Cost of the model at a factor of the raised random force.
@@ -237,9 +243,11 @@ class ProposalFits:
         What no machine can have must not outdo what it may; the others of a joined proposal go
         on without it.
         """
-        found, rest = list[PartialFit](), list[Proposal]()
+        found = list[PartialFit]()
+        rest = list[Proposal]()
         for one in filter(None, self.problem.parallel(self._first_fit, some)):
-            names, own = one.proposal.names, one.proposal.free
+            names = one.proposal.names
+            own = one.proposal.free
             lost = [
                 n
                 for n in names
@@ -254,7 +262,9 @@ class ProposalFits:
         return [*found, *self._first_fits(rest, proposals)] if rest else found
 
     def _first_fit(self, one: Proposal) -> PartialFit | None:
-        problem, now, until = self.problem, self.now, self.problem.until
+        problem = self.problem
+        now = self.now
+        until = self.problem.until
         try:
             likelihood = problem.likelihood(one.axis, (*self.free, *one.free), each=each_of(now))
             # A random force that accelerates as much.
@@ -279,7 +289,8 @@ class ProposalFits:
         self, likelihood: Likelihood, z: FloatArray, own: Sequence[str], noises: FloatArray
     ) -> FloatArray:
         """Where to begin with a shape with a memory, from a part of the records."""
-        part, until = likelihood.on(self.problem.fast_stretches), self.problem.until
+        part = likelihood.on(self.problem.fast_stretches)
+        until = self.problem.until
         starts = [grid_search(part, z, own, noises)]
         if not self.problem.is_imposed:
             # There the base takes up what the shape should, which may lead astray.  An imposed
@@ -295,19 +306,27 @@ class ProposalFits:
 
     def _rest(self, look: PartialFit, lost: Sequence[str]) -> Proposal:
         """A proposal without some of its effects, from where its look ended."""
-        problem, one = self.problem, look.proposal
+        problem = self.problem
+        one = look.proposal
 
         names, free, remembers = (
             problem.free_without(some, *lost) for some in (one.names, one.free, one.remembers)
         )
         return replace(
-            one, names=names, free=free, remembers=remembers, cost=look.fit.cost, predicted=0.0,
+            one,
+            names=names,
+            free=free,
+            remembers=remembers,
+            cost=look.fit.cost,
+            predicted=0.0,
             axis=problem.remove_effects(look.fit.axis, *lost),
             held=one.held and problem.remove_effects(one.held, *lost),
-        )  # fmt: skip
+        )
 
     def _continued_fit(self, look: PartialFit) -> Solution | None:
-        one, fit, until = look.proposal, look.fit, self.problem.until
+        one = look.proposal
+        fit = look.fit
+        until = self.problem.until
         try:
             if look.turns:
                 return maximise(fit.problem, fit.z, FIRST_ITERATIONS, until, again=True)
@@ -397,7 +416,8 @@ class ProposalFits:
 
         `top`: what that gained in the end, and at its first look: looks are compared with looks.
         """
-        one, fit = look.proposal, look.fit
+        one = look.proposal
+        fit = look.fit
         prior = prior_of(fit) - prior_of(self.now)
         gain = self.now.cost - fit.cost + REMAINING_GAIN_RATIO * look.hope
         equal = not look.turns and any(

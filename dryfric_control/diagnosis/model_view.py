@@ -195,10 +195,12 @@ class ModelView:
         shortest = max(_SHORTEST_BUILDUP_INCREMENTS * self.quantum, _SHORTEST_BUILDUP * self.span)
         longest = max(_LONGEST_BUILDUP * self.span, 2.0 * shortest)
         for rests in (False, True):
-            since = np.concatenate([
-                distance_since_reversal(self.x[part], self.direction[part], rests)
-                for part in self.slices
-            ])  # fmt: skip
+            since = np.concatenate(
+                [
+                    distance_since_reversal(self.x[part], self.direction[part], rests)
+                    for part in self.slices
+                ]
+            )
             for length in np.geomspace(shortest, longest, _BUILDUPS):
                 yield -self.direction * self.level * np.exp(-since / length)
                 yield -self.direction * self.level * (since < length)
@@ -211,7 +213,9 @@ class ModelView:
         Also the relative changes of base parameters of these `names` that go with them; None if
         it acts otherwise at all its shapes.
         """
-        view, best, found = cast(View, self), NEGLIGIBLE_FORCE_RATIO, None
+        view = cast(View, self)
+        best = NEGLIGIBLE_FORCE_RATIO
+        found = None
         values = dict(zip(effect.parameters(), effect.values, strict=True))
         force = effect_contribution(type(effect), values, view)
         for one in effect_class(name).columns(view):
@@ -221,7 +225,8 @@ class ModelView:
             c, left = self._fit_forces(force, columns)
             if left < best and not (one.positive and c[0] <= 0.0):
                 width = len(one.force)
-                best, found = left, (one.values(c[:width].tolist()), c[width:])
+                best = left
+                found = (one.values(c[:width].tolist()), c[width:])
         return found
 
     def taken_over(self, effect: Effect, names: Sequence[str]) -> Floats:

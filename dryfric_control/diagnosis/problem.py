@@ -154,9 +154,10 @@ class Problem:
     def outliers(self, fit: Solution) -> float:
         """Log-likelihood that innovations cost beyond the tail of as many normal ones."""
         rows = [
-            out[0] ** 2 / out[1] for run, one in zip(fit.problem.runs, fit.point.out, strict=True)
+            out[0] ** 2 / out[1]
+            for run, one in zip(fit.problem.runs, fit.point.out, strict=True)
             for out in (one[:, run.active & (one[1] > 0.0)],)
-        ]  # fmt: skip
+        ]
         ratios = np.concatenate(rows)
         # The largest of n squares of a normal variable is about 2 log n.
         normal = 2.0 * math.log(max(ratios.size, 1)) / NORMAL_VARIANCE_RATIO
@@ -173,9 +174,13 @@ class Problem:
         return time.monotonic() > self.until
 
     def likelihood(
-        self, axis: FrictionAxis, free: Sequence[str] = (), base: Sequence[str] | None = None,
-        wonder: bool = True, each: Mapping[tuple[str, int], float] | None = None,
-    ) -> Likelihood:  # fmt: skip
+        self,
+        axis: FrictionAxis,
+        free: Sequence[str] = (),
+        base: Sequence[str] | None = None,
+        wonder: bool = True,
+        each: Mapping[tuple[str, int], float] | None = None,
+    ) -> Likelihood:
         """Likelihood of an axis with the base and further parameters free."""
         clock = () if self.shift is None else (SHIFT,)
         base = self.base if base is None else base
@@ -187,11 +192,19 @@ class Problem:
         rest = axis.replace(effects=tuple(e for e in axis.effects if e not in kept)).effective()
         axis = rest.replace(effects=(*rest.effects, *kept)) if kept else rest
         problem = self.view(
-            axis, names, self.runs, believed=self.believed, tolerance=self.tolerance,
-            own=self.own, each=each, hold=self.hold, scales=self.scales, wonder=wonder,
+            axis,
+            names,
+            self.runs,
+            believed=self.believed,
+            tolerance=self.tolerance,
+            own=self.own,
+            each=each,
+            hold=self.hold,
+            scales=self.scales,
+            wonder=wonder,
             priors=tuple(self.nominal),
             shift=self.shift or 0.0,
-        )  # fmt: skip
+        )
         records = [r.record for r in self.runs]
         for j, p in enumerate(problem.parameters):
             if p.name == SHIFT:
@@ -203,9 +216,13 @@ class Problem:
         return problem
 
     def fit(
-        self, axis: FrictionAxis, free: Sequence[str] = (), noises: FloatArray | None = None,
-        turns: int = COMPARISON_ITERATIONS, **settings: Any,
-    ) -> Solution:  # fmt: skip
+        self,
+        axis: FrictionAxis,
+        free: Sequence[str] = (),
+        noises: FloatArray | None = None,
+        turns: int = COMPARISON_ITERATIONS,
+        **settings: Any,
+    ) -> Solution:
         """Most likely parameters, starting from the values of an axis."""
         problem = self.likelihood(axis, free, **settings)
         return maximise(problem, problem.start(1.0, noises), turns, self.until)
@@ -302,13 +319,15 @@ def _with_long_strokes(run: Run, motion: SmoothedMotion) -> Run:
     sliding = np.flatnonzero(motion.direction)
     turned = np.flatnonzero(np.diff(motion.direction[sliding]))
     reversals = np.array([0, *sliding[turned + 1], len(run.record)])
-    starts, ends = reversals[: -SEARCH_REVERSALS - 1], reversals[SEARCH_REVERSALS + 1 :]
+    starts = reversals[: -SEARCH_REVERSALS - 1]
+    ends = reversals[SEARCH_REVERSALS + 1 :]
     if not starts.size or len(run.pieces) > 1:
         return run
     path = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(motion.x)))))
     path = np.append(path, path[-1])
     best = int(np.argmax((path[ends] - path[starts]) / (ends - starts)))
-    start, end = int(starts[best]), int(ends[best])
+    start = int(starts[best])
+    end = int(ends[best])
     active = run.active.copy()
     active[:start] = active[end:] = False
     return replace(run, active=active, pieces=((start, end),))

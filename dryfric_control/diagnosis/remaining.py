@@ -38,8 +38,9 @@ class Remaining(Result):
 
     rms: float = stated(
         "Its RMS [N], as a force held over each sample; 0 if the errors of free runs do not exceed "
-        "the noise of the readings.", 0.0
-    )  # fmt: skip
+        "the noise of the readings.",
+        0.0,
+    )
     correlation_time: float = stated("[s]; 0 for white noise and below one sample.", 0.0)
     structured: bool = stated(
         "Whether free runs have larger errors than a white force of this size causes.", False
@@ -68,7 +69,10 @@ def remaining_force(
     found: Solution, structured: bool, where: Sequence[str], unit: str
 ) -> Remaining:
     """Random force of a fit, from the filter's corrections of the velocity."""
-    force, sizes, lags, count = [], [], np.zeros(_MAX_LAG + 1), 0
+    force = []
+    sizes = []
+    lags = np.zeros(_MAX_LAG + 1)
+    count = 0
     for i, (state, run) in enumerate(zip(found.point.states, found.problem.runs, strict=True)):
         axis = found.problem.axis_at(found.z, i)
         sliding = (state[2] != 0.0) & run.active

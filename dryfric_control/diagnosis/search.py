@@ -37,7 +37,7 @@ from dryfric_control.diagnosis.thresholds import (
     REMAINING_GAIN_RATIO,
     STRONG_EVIDENCE,
     STRONG_EVIDENCE_FRACTION,
-)  # fmt: skip
+)
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.scoring import (
     COMPARISON_ITERATIONS,
@@ -121,7 +121,8 @@ class Search:
         The prior has a narrow valley at the nominal values, which continuation must not see.
         """
         problem = self.problem
-        axis, nominal = problem.believed, problem.nominal
+        axis = problem.believed
+        nominal = problem.nominal
         speed = problem.scales.length / problem.scales.time
         level = nominal["coulomb"]
         # The other start: 80 % of the dry friction replaced by viscous friction.
@@ -148,13 +149,17 @@ class Search:
         And whether the force shows that friction builds up after reversals.
         """
         problem, nominal = self.problem, self.problem.nominal_fit
-        axis, names, free = problem.believed, tuple[str, ...](), tuple[str, ...]()
+        axis = problem.believed
+        names = tuple[str, ...]()
+        free = tuple[str, ...]()
         gram = self._by_force(problem.fit(axis, (), noises_of(nominal), 0))
         late, limit = ForceView(problem, axis).late_drive()
         for name, values in ((DELAY, {"delay": late}), (LIMIT, {"limit": limit})):
             if all(0.0 < v < math.inf for v in values.values()) and name in gram.names:
                 start = with_effect(axis, name, values)
-                axis, names, free = start.axis, (*names, name), (*free, *start.free)
+                axis = start.axis
+                names = (*names, name)
+                free = (*free, *start.free)
         if names:
             beside = self._by_force(problem.fit(axis, free, noises_of(nominal), 0), names)
             # A late drive may do what another missing force does: it must leave less.
@@ -163,7 +168,9 @@ class Search:
             ):
                 gram = beside
             else:
-                axis, names, free = problem.believed, (), ()
+                axis = problem.believed
+                names = ()
+                free = ()
         self.first = gram.single_gains | self.first
         for name, odds in gram.odds.items():
             self.odds[name] = max(odds, self.odds.get(name, 0.0))
@@ -195,7 +202,8 @@ class Search:
         row = self._select_proposal(alone, self.round(alone, among=some) if some else ())
         if row is None:
             return begin
-        contact, axis = Model(row.fit, row.names), row.fit.axis
+        contact = Model(row.fit, row.names)
+        axis = row.fit.axis
         for name, effect in named(forces.fit.axis).items():
             if name in forces.causes:
                 axis = put(axis, name, effect)
@@ -218,7 +226,8 @@ class Search:
                 seen[key] = now.fit.cost
                 step = f"cause {len(now.causes) + 1}" if now.causes else "first cause"
                 self.tell(step, now.causes)
-                row, there = self.best_proposal(now), self.restart_model(now)
+                row = self.best_proposal(now)
+                there = self.restart_model(now)
                 if there is not None:
                     now = there
                     continue
@@ -303,9 +312,12 @@ class Search:
         return min((r for r in good if r.evidence > top - EQUAL_EVIDENCE), key=_assumptions)
 
     def round(
-        self, now: Model, other: Solution | None = None, among: Collection[str] = (),
+        self,
+        now: Model,
+        other: Solution | None = None,
+        among: Collection[str] = (),
         known: tuple[str, Solution] | None = None,
-    ) -> list[FittedProposal]:  # fmt: skip
+    ) -> list[FittedProposal]:
         """Proposals beside a model, fitted; none where nothing is left to explain.
 
         `other`: another explanation; `among`: the effects that are proposed, all if empty;
@@ -359,9 +371,13 @@ class Search:
         return [one for one in some if frozenset(one.names) not in idle]
 
     def _memory_wanted(
-        self, now: Model, grams: Sequence[Gram], looks: ProposalFits, other: Solution | None,
+        self,
+        now: Model,
+        grams: Sequence[Gram],
+        looks: ProposalFits,
+        other: Solution | None,
         among: Collection[str],
-    ) -> bool:  # fmt: skip
+    ) -> bool:
         """Whether shapes with a memory, which take passes of the filter, are tried in a round.
 
         Where friction builds up after reversals, or single readings are far off, and no
@@ -393,7 +409,8 @@ class Search:
 
     def _grams(self, now: Model) -> list[Gram]:
         """Normal equations beside the model, and with its base at nominal if that has moved."""
-        names, found = self._candidate_effects(now), list[Gram]()
+        names = self._candidate_effects(now)
+        found = list[Gram]()
         for fit in (now.fit, *self._nominal(now.fit)):
             if not self.problem.is_overdue:
                 found.append(Gram(self.problem, fit, names, self._note_failure))
@@ -403,7 +420,8 @@ class Search:
 
     def _proposals(self, now: Model, grams: Sequence[Gram]) -> list[Proposal]:
         """New starts beside the model, with its base as it is and at nominal."""
-        best, chosen = dict[_Start, Proposal](), list[_Start]()
+        best = dict[_Start, Proposal]()
+        chosen = list[_Start]()
         self.early = 0.0
         for gram in grams:
             if self.problem.is_overdue:
@@ -428,7 +446,8 @@ class Search:
 
     def _candidate_effects(self, now: Model) -> list[str]:
         """Effects that may be added to a model."""
-        problem, found = self.problem, []
+        problem = self.problem
+        found = []
         for name in catalogue(now.fit.axis, now.causes):
             effect = effect_class(name)
             if problem.is_imposed:
@@ -452,7 +471,8 @@ class Search:
 
     def _base_differs(self, fit: Solution) -> bool:
         """Whether a base parameter is notably off its nominal value."""
-        values, nominal = fit.values(), self.problem.nominal
+        values = fit.values()
+        nominal = self.problem.nominal
         names = [n for n in self.problem.base if n in values and nominal[n] != 0.0]
         ratios = (max(values[n] / nominal[n], 1e-300) for n in names)
         return any(abs(math.log(ratio)) > MIN_BASE_CHANGE for ratio in ratios)
@@ -473,7 +493,8 @@ class Search:
 
     def remove_cause(self, now: Model, name: str) -> Model:
         """The model fitted without one cause; those of its kind are counted again."""
-        problem, fit = self.problem, now.fit
+        problem = self.problem
+        fit = now.fit
         axis = self._reduced_axis(fit, name)
         rest = problem.free_without(problem.free_of(fit), name)
         causes = problem.free_without(now.causes, name)
@@ -519,7 +540,8 @@ class Search:
         """
         now = self._remove_implausible(now)
         while (now := self.weigh_causes(now)).less:
-            worth, less = now.worth, now.less
+            worth = now.worth
+            less = now.less
             worst = min(worth, key=worth.__getitem__)
             lost = [worst] if worth[worst] <= 0.0 else []
             most = max((w for w in worth.values() if math.isfinite(w)), default=0.0)
@@ -555,7 +577,8 @@ class Search:
 
         In the place of one wrong base parameter it is one assumption for another.
         """
-        before, after = nominal_error_costs(less), nominal_error_costs(more)
+        before = nominal_error_costs(less)
+        after = nominal_error_costs(more)
         simpler = before.sum() - after.sum() > before.max(initial=0.0) + MIN_EVIDENCE
         fall, error = in_free_runs(self.problem, less, more)
         return bool(simpler) or fall > max(MIN_SCORE_FALL, MIN_SCORE_FALL_ERRORS * error)
@@ -630,9 +653,12 @@ class Search:
             found[name] = {
                 r.names[0]: r.fit
                 for r in rows
-                if len(r.names) == 1 and r.names[0] != name and not r.reason
-                and r.fit.cost < now.fit.cost + EQUAL_EVIDENCE and len(r.free) <= count + 1
-            }  # fmt: skip
+                if len(r.names) == 1
+                and r.names[0] != name
+                and not r.reason
+                and r.fit.cost < now.fit.cost + EQUAL_EVIDENCE
+                and len(r.free) <= count + 1
+            }
         return found
 
 
@@ -657,9 +683,10 @@ def _likeliest_shapes(some: list[Proposal]) -> list[Proposal]:
         best[key] = min(one, best.get(key, one), key=lambda p: p.cost)
     kept = {id(p) for p in best.values()}
     return [
-        one for one in some
+        one
+        for one in some
         if not one.remembers or id(one) in kept or (first and one.names == first.names)
-    ]  # fmt: skip
+    ]
 
 
 def _filter_proposals(among: Collection[str], some: list[Proposal]) -> list[Proposal]:
@@ -677,7 +704,7 @@ def _simpler_set(one: Model, other: Model) -> bool:
     sizes = [
         (len(m.fit.problem.names), sum(effect_class(n).rank for n in m.causes))
         for m in (one, other)
-    ]  # fmt: skip
+    ]
     return sizes[0] < sizes[1]
 
 

@@ -123,7 +123,8 @@ def noise_floor(
     which the positions are the integral.  Those that diverge are left out.
     """
     rng = np.random.default_rng(seed)
-    record, thorough = w.record, force == 0.0
+    record = w.record
+    thorough = force == 0.0
     step = record.input_quantum  # an input that was recorded in steps acted in between them
     # A random force far below the rounding tells that the drive acts in these steps.
     if 0.0 < force < _MIN_FORCE_TO_ROUNDING * step / QUANTA:
@@ -133,15 +134,20 @@ def noise_floor(
     # A run that is lost may start where no reading allows it; the machine did not.
     far = np.hypot(at.starts[0] / w.x0_error, at.starts[1] / w.v0_error) > _MAX_START_ERRORS
     begun = np.where(far, 0.0, at.starts[:2])
-    scores, squares = [], []
+    scores = []
+    squares = []
     for truth in truths:
         pushed = w
         if step > 0.0 or force > 0.0:
             u = next(acted) + force * rng.standard_normal(len(record))
             driven = Record(
-                record.t, u, record.x, quantum=record.quantum, units=record.units,
+                record.t,
+                u,
+                record.x,
+                quantum=record.quantum,
+                units=record.units,
                 load=record.known_load,
-            )  # fmt: skip
+            )
             pushed = replace(w, record=driven)
         drift = np.zeros(len(record))
         if velocity > 0.0:
@@ -154,7 +160,8 @@ def noise_floor(
             continue
         readings = record.read(x + drift, rng)
         errors = rng.standard_normal((2, len(w)))
-        x0, v0 = w.x0 + begun[0] + errors[0] * w.x0_error, w.v0 + begun[1] + errors[1] * w.v0_error
+        x0 = w.x0 + begun[0] + errors[0] * w.x0_error
+        v0 = w.v0 + begun[1] + errors[1] * w.v0_error
         made = replace(w, record=readings, x0=x0, v0=v0)
         found = made.evaluate(model, active, thorough=thorough)
         scores.append(w.scores(found.costs))
@@ -189,7 +196,8 @@ def shows(problem: Problem, final: Solution) -> bool:
     """Whether the random force of a fit moves free runs by more than the noise of the readings."""
     # White force F moves them by F/m sqrt(dt T^3/3); a fitted start state leaves about a tenth.
     for i, w in enumerate(problem.windows):
-        dt, length = w.record.dt, w.record.duration / max(len(w), 1)
+        dt = w.record.dt
+        length = w.record.duration / max(len(w), 1)
         moved = final.random_force(i) / final.axis.mass * math.sqrt(dt * length**3 / 3.0)
         if 0.1 * moved > w.floor:
             return True
@@ -200,7 +208,8 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
     """Errors of free runs, compared with replays in which the random force acts."""
     squares: list[list[Floats]] = [[], [], []]
     replays: list[Floats] = []
-    structured, places = False, list[str]()
+    structured = False
+    places = list[str]()
     drawn = final.draw_axes(REPLAY_COUNT)
     for i, w in enumerate(windows):
         active = _judged_windows(w, passes_inner_states(final.axis))
@@ -264,7 +273,9 @@ def _but_the_worst(
     """Errors of all windows but one, as one breakaway may be mistimed by a sample."""
     over = [one / rows.max(axis=0) for one, rows in zip(found, replays, strict=True)]
     i = int(np.argmax([one.max() for one in over]))
-    k, errors, others = int(np.argmax(over[i])), list(found), list(replays)
+    k = int(np.argmax(over[i]))
+    errors = list(found)
+    others = list(replays)
     errors[i], others[i] = np.delete(errors[i], k), np.delete(others[i], k, axis=1)
     return errors, others
 

@@ -105,7 +105,8 @@ def _regression(
     columns = [motion.a, motion.v * viscous, motion.direction, np.ones_like(u), middle, u]
     rows = motion.smooth_columns(np.stack(columns, axis=1))
     size = np.maximum(np.abs(rows[:, :5]).max(axis=0), 1e-300)
-    terms, drive = rows[:, :5] / size, rows[:, 5]
+    terms = rows[:, :5] / size
+    drive = rows[:, 5]
     found = np.linalg.lstsq(terms, drive, rcond=None)[0]
     left = drive - terms @ found
     degrees = max(left.size - found.size, 1)

@@ -119,22 +119,27 @@ class ForceExplorer:
         self._moving: list[Any] = []
 
     def _ranges(self, record: Record) -> dict[str, Slider]:
-        axis, unit = self._start, self._start.unit
-        level, peak = axis.coulomb.mean, axis.stribeck or Stribeck(excess=0.0, speed=1.0)
+        axis = self._start
+        unit = self._start.unit
+        level = axis.coulomb.mean
+        peak = axis.stribeck or Stribeck(excess=0.0, speed=1.0)
         fastest = float(np.abs(self._v).max(initial=1e-12))
         speed = peak.speed if axis.stribeck else 0.03 * fastest
         stiffness = 2.0 * level / max(record.range, 1e-300)
         ranges = {
             "mass": (axis.mass, 0.0, _REACH * axis.mass, unit("kg")),
             "viscous": (
-                axis.viscous, 0.0, max(_REACH * axis.viscous, level / fastest), unit("N s/m")
+                axis.viscous,
+                0.0,
+                max(_REACH * axis.viscous, level / fastest),
+                unit("N s/m"),
             ),
             "coulomb": (level, 0.0, _REACH * level, unit("N")),
             "excess": (peak.excess, 0.0, max(1.0, 2.0 * peak.excess), _OF_LEVEL),
             "stribeck_speed": (speed, _SLOWEST * fastest, _FASTEST * fastest, unit("m/s")),
             "stiffness": (0.0, 0.0, stiffness, unit("N/m")),
             "constant": (0.0, -level, level, unit("N")),
-        }  # fmt: skip
+        }
         words = {name: rotary_words(label, axis.units[1]) for name, label in _LABELS.items()}
         return {name: Slider(*one, words[name]) for name, one in ranges.items()}
 
@@ -211,7 +216,8 @@ class ForceExplorer:
 
     def _draw(self, axes: Any) -> list[Any]:
         length, force = self._start.units
-        left, lines = self.missing[self._shown], []
+        left = self.missing[self._shown]
+        lines = []
         for one, over, words in (
             (axes[0], self._v, f"velocity [{length}/s]"),
             (axes[1], self._x, f"position [{length}]"),
@@ -266,15 +272,21 @@ class ForceExplorer:
         Path
         """
         page = jinja2.Environment(
-            loader=jinja2.PackageLoader("dryfric_control.estimation", "."), autoescape=True,
+            loader=jinja2.PackageLoader("dryfric_control.estimation", "."),
+            autoescape=True,
             undefined=jinja2.StrictUndefined,
-        ).get_template("force_explorer.html")  # fmt: skip
+        ).get_template("force_explorer.html")
         length, force = self._start.units
         words = rotary_words("force missing in the model", force)
         text = page.render(
-            title=words, data=self._columns(), sliders=self.sliders, steps=_STEPS, length=length,
-            force=force, axis_label=rotary_words("force", force),
-        )  # fmt: skip
+            title=words,
+            data=self._columns(),
+            sliders=self.sliders,
+            steps=_STEPS,
+            length=length,
+            force=force,
+            axis_label=rotary_words("force", force),
+        )
         write_file(path, text)
         return Path(path)
 
@@ -290,18 +302,23 @@ class ForceExplorer:
         def round_list(values: Floats) -> list[float]:
             return [float(f"{value:.{_DIGITS}g}") for value in values]
 
-        base, level = left(), left(coulomb=1.0)
+        base = left()
+        level = left(coulomb=1.0)
         speed = self.sliders["stribeck_speed"]
         speeds = np.geomspace(speed.low, speed.high, _SPEEDS)
         linear = ("mass", "viscous", "coulomb", "stiffness", "constant")
         peaks = [left(coulomb=1.0, excess=1.0, stribeck_speed=float(one)) - level for one in speeds]
-        return json.dumps({
-            "v": round_list(self._v[self._shown]), "x": round_list(self._x[self._shown]),
-            "base": round_list(base), "columns": {name: round_list(left(**{name: 1.0}) - base)
-                                             for name in linear},
-            "speeds": round_list(speeds), "peaks": [round_list(one) for one in peaks],
-            "sliders": {name: asdict(one) for name, one in self.sliders.items()},
-        }).replace("<", "\\u003c")  # fmt: skip
+        return json.dumps(
+            {
+                "v": round_list(self._v[self._shown]),
+                "x": round_list(self._x[self._shown]),
+                "base": round_list(base),
+                "columns": {name: round_list(left(**{name: 1.0}) - base) for name in linear},
+                "speeds": round_list(speeds),
+                "peaks": [round_list(one) for one in peaks],
+                "sliders": {name: asdict(one) for name, one in self.sliders.items()},
+            }
+        ).replace("<", "\\u003c")
 
     def _repr_png_(self) -> bytes:
         return self.png()

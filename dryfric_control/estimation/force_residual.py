@@ -143,11 +143,18 @@ def at_the_mass(
     gone = [e for e in axis.effects if e.action in ("input", "delay", "lag", "reading")]
     if not gone:
         return axis, record
-    force, x = np.empty(len(record)), np.empty(len(record))
+    force = np.empty(len(record))
+    x = np.empty(len(record))
     behind_drive_and_encoder(
-        axis.arrays(record.dt), float(record.t[0]), record.dt, record.u, hold == "first",
-        record.x, force, x,
-    )  # fmt: skip
+        axis.arrays(record.dt),
+        float(record.t[0]),
+        record.dt,
+        record.u,
+        hold == "first",
+        record.x,
+        force,
+        x,
+    )
     kept = tuple(e for e in axis.effects if e not in gone)
     moved = any(e.action == "reading" for e in gone)
     return axis.replace(effects=kept), record.replace(u=force, x=x if moved else None)
@@ -173,7 +180,8 @@ def force_start(problem: Likelihood, z: Floats, records: Sequence[Record]) -> Fl
         robust = {"loss": "soft_l1", "f_scale": 0.1, "max_nfev": 30, "diff_step": 1e-4}
         return least_squares(residual, np.clip(start, low, high), bounds=(low, high), **robust)
 
-    found, start = search_from(z), z
+    found = search_from(z)
+    start = z
     # Of a sine only the part in phase is seen: from the wrong side its amplitude falls to zero.
     for i in np.flatnonzero([p.kind == "angle" for p in problem.parameters]):
         for turn in (0.5, 1.0, 1.5):
@@ -181,5 +189,6 @@ def force_start(problem: Likelihood, z: Floats, records: Sequence[Record]) -> Fl
             tried[i] = z[i] + turn * math.pi
             again = search_from(tried)
             if again.cost < found.cost:
-                found, start = again, tried
+                found = again
+                start = tried
     return np.asarray(found.x)

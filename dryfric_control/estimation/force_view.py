@@ -57,7 +57,8 @@ class ForceRun(Run):
 
 def prepare_force(record: Record, hold: str = "zero") -> ForceRun:
     """A record prepared for the force view: its sliding samples are active."""
-    run, sliding = prepare(record, block=_BLOCK), Sliding(record)
+    run = prepare(record, block=_BLOCK)
+    sliding = Sliding(record)
     index = np.searchsorted(record.t, sliding.t)
     if hold == "first":
         # The forces at that instant, not their means around it.
@@ -94,9 +95,11 @@ class ForceView(Likelihood):
     def innovations(self, z: Floats, i: int) -> tuple[Floats, Floats]:
         """Innovations of record i, and its motion in place of filtered states."""
         run = self.runs[i]
-        axis, n = self.axis_at(z, i), len(run.record)
+        axis = self.axis_at(z, i)
+        n = len(run.record)
         left = run.force_residual(axis) / run.sliding.answer_to_drive(axis)
-        out, state = np.zeros((2, n)), np.zeros((6, n))
+        out = np.zeros((2, n))
+        state = np.zeros((6, n))
         out[0, run.index], out[1, run.index] = left, self.noises(z, i)[0]
         state[0], state[1, run.index] = run.record.x, run.sliding.v
         state[2, run.index] = run.sliding.direction

@@ -33,7 +33,9 @@ _MIN_FORCE_GAIN = 6.0
 
 def has_random_force(found: Solution, i: int) -> bool:
     """Whether the readings of record i are likelier with a random force than without."""
-    problem, without, k = found.problem, found.z.copy(), len(found.problem.names) + 2 * i
+    problem = found.problem
+    without = found.z.copy()
+    k = len(found.problem.names) + 2 * i
     without[k] = problem.low[k]
     return problem.tried(without).cost > found.cost + _MIN_FORCE_GAIN
 

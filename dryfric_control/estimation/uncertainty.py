@@ -63,7 +63,8 @@ def jackknife(g: Floats, h: Floats, prior: Floats, away: Floats) -> Floats:
     Of blocks with gradients g and normal matrices h, a prior with this precision of each
     parameter, and without the directions `away`, which the record does not determine.
     """
-    total, count = h.sum(axis=0), g.shape[0]
+    total = h.sum(axis=0)
+    count = g.shape[0]
     if away.shape[0] == total.shape[0] or count < 2:
         return np.full(total.shape, np.inf)
     left = total - h * _LEFT_OUT + np.diag(prior)

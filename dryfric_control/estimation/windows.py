@@ -69,7 +69,8 @@ class Windows:
     @cached_property
     def moving(self) -> Bools:
         """Windows whose readings move by more than noise, shape (nwindows,)."""
-        x, starts = self.record.x, self.edges[:-1]
+        x = self.record.x
+        starts = self.edges[:-1]
         reach = np.maximum.reduceat(x, starts) - np.minimum.reduceat(x, starts)
         return exceeds(reach, _MIN_MOTION * self.floor, NEAR * self.record.range)
 
@@ -77,10 +78,19 @@ class Windows:
         """The windows as arrays for compiled functions, the input delayed by `shift` [s]."""
         record = self.record
         return Windowed(
-            delay_input(record.u, shift / record.dt), record.x, float(record.t[0]), record.dt,
-            self.hold == "first", self.edges, self.x0, self.v0, self.x0_error, self.v0_error,
-            self.rest, record.known_force,
-        )  # fmt: skip
+            delay_input(record.u, shift / record.dt),
+            record.x,
+            float(record.t[0]),
+            record.dt,
+            self.hold == "first",
+            self.edges,
+            self.x0,
+            self.v0,
+            self.x0_error,
+            self.v0_error,
+            self.rest,
+            record.known_force,
+        )
 
     def run(
         self,
@@ -133,7 +143,8 @@ class Windows:
 
 def positions(axis: FrictionAxis, windowed: Windowed, active: Bools | None = None) -> Floats:
     """Positions of free runs over the active windows, shape (n,); all with inner states."""
-    arrays, count = axis.arrays(windowed.dt), windowed.edges.size - 1
+    arrays = axis.arrays(windowed.dt)
+    count = windowed.edges.size - 1
     if active is None or arrays.integers[STRUCTURE]:
         active = np.ones(count, bool)
     out = np.zeros(int(windowed.edges[-1]))

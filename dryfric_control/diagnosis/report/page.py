@@ -64,14 +64,23 @@ def _axis_words(context: Any, value: Any) -> str:
 
 
 _TEMPLATES.filters |= {
-    "typeset": typeset_signs, "words": _axis_words, "titles": titles_of, "plain": plain_number,
-    "length": length_text, "html_table": lambda rows: Markup(table(rows, as_html=True)),
-}  # fmt: skip
+    "typeset": typeset_signs,
+    "words": _axis_words,
+    "titles": titles_of,
+    "plain": plain_number,
+    "length": length_text,
+    "html_table": lambda rows: Markup(table(rows, as_html=True)),
+}
 _TEMPLATES.globals |= {
-    "br": Markup("<br>"), "say": wording, "parameter_texts": parameter_texts,
-    "SMALL": SMALL, "MIN_EVIDENCE": MIN_EVIDENCE, "version": __version__, "figures": figures,
+    "br": Markup("<br>"),
+    "say": wording,
+    "parameter_texts": parameter_texts,
+    "SMALL": SMALL,
+    "MIN_EVIDENCE": MIN_EVIDENCE,
+    "version": __version__,
+    "figures": figures,
     "svg": _svg,
-}  # fmt: skip
+}
 
 
 def html_summary(d: Findings) -> str:
@@ -126,7 +135,8 @@ def _evidence_rows(d: Findings, before: Evidence, after: Evidence | None) -> lis
 def _acting_rows(d: Findings) -> list[tuple[str, ...]]:
     """Values that act in each direction, all effects included; beside those found, if any."""
     length, force = d.axis.units
-    believed, found = d.axis.effective(), d.extended.effective()
+    believed = d.axis.effective()
+    found = d.extended.effective()
     head = ("friction, effects included", "nominal", "with the causes", "change")
     cells: list[tuple[str, ...]] = [head]
 

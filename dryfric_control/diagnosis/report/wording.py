@@ -107,7 +107,8 @@ def level_text(table: dict[str, Any], side: str, units: tuple[str, str]) -> str:
 
 def cause_meaning(d: Findings, cause: Cause) -> list[str]:
     """What a cause comes to in the axis, a line each; none where its parameters say it."""
-    lines, effect = [], d.extended.named_effects().get(cause.effect)
+    lines = []
+    effect = d.extended.named_effects().get(cause.effect)
     if effect is not None and effect.viscous_in(1) != 0.0:
         unit = d.axis.unit("N s/m")
         sides = []
@@ -256,7 +257,8 @@ def shown_causes(d: Findings) -> list[Cause]:
 
 def line_of(d: Findings, cause: Cause) -> str:
     """Cause, what it does over the record, parameters and alternatives in one line."""
-    text, course = cause_text(cause, d.axis), course_text(d, cause)
+    text = cause_text(cause, d.axis)
+    course = course_text(d, cause)
     if not course:
         return text
     title, _, parameters = text.partition(": ")
@@ -333,7 +335,8 @@ def further_lines(d: Findings) -> list[str]:
         lines.append(f"{head}: {changes}")
     for name, found in d.varies.items():
         values = ", ".join(map(with_error, found["values"], found["standard_errors"]))
-        least, most = min(found["values"], key=abs), max(found["values"], key=abs)
+        least = min(found["values"], key=abs)
+        most = max(found["values"], key=abs)
         ratio = f" (largest: {most / least:.3g} of the smallest)" if least * most > 0.0 else ""
         lines.append(f"differs from record to record: {name} = {values}{ratio}")
     return lines

@@ -236,7 +236,8 @@ _loads = _numbers("a number or such as elbow=0.1,wrist=0.02", float)
 def _machine_options() -> Iterator[tuple[Any, ...]]:
     """Numbers of the machine, by the fields of a scaling; None where an option is not given."""
     for item in fields(Scaling)[1:]:  # but the factors by channel
-        name, words = item.name.replace("_", "-"), item.metadata["doc"].replace("%", "%%")
+        name = item.name.replace("_", "-")
+        words = item.metadata["doc"].replace("%", "%%")
         kind, metavar = (None, None) if item.default is False else (float, "X")
         yield f"--{name}", kind, metavar, words, {"default": None}
 
@@ -429,7 +430,8 @@ def _read_joints(
     chosen: Namespace, axes: Mapping[str, FrictionAxis], scaling: Scaling, sampling: dict[str, Any]
 ) -> tuple[dict[str, tuple[FrictionAxis, list[Record]]], dict[str, ValueError]]:
     """Axis and records of each joint, and what is wrong with those that cannot be read."""
-    cases, refused = {}, {}
+    cases = {}
+    refused = {}
     for name, axis in axes.items():
         options = {"gain": scaling, "joint": name, "name": name, **sampling}
         try:

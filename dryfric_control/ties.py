@@ -26,7 +26,8 @@ def stable_order(values: ArrayLike, least: float = 0.0) -> list[int]:
     for i in np.argsort(numbers, kind="stable").tolist():
         if numbers[i] > limit:
             found += sorted(equal)
-            equal, limit = [], numbers[i] + NEAR * abs(numbers[i]) + least
+            equal = []
+            limit = numbers[i] + NEAR * abs(numbers[i]) + least
         equal.append(i)
     return found + sorted(equal)
 

@@ -192,7 +192,8 @@ class FrictionAxis:
         string("name", self.name)
         put("units", axis_units(self.units))
         for name, unit in _POSITIVE.items():
-            value, shown = getattr(self, name), self.unit(unit)
+            value = getattr(self, name)
+            shown = self.unit(unit)
             put(name, positive(name, value, unit=shown, zero=name == "viscous"))
         put("coulomb", CoulombMap.of(self.coulomb))
         if self.stribeck is not None and not isinstance(self.stribeck, Stribeck):
@@ -482,12 +483,15 @@ class FrictionAxis:
         inner = rigid_inner(axis)
         slopes = None if at is None else self._slopes(index, at)
         pull, rate, gain, read = _mode_coefficients(axis, index, input, slopes)
-        states, rates = ["x", "v"], {"stick_rate" if index == 0 else "viscous / mass": rate}
-        a, b = np.array([[0.0, 1.0], [pull, -rate]]), np.array([[0.0], [gain]])
+        states = ["x", "v"]
+        rates = {"stick_rate" if index == 0 else "viscous / mass": rate}
+        a = np.array([[0.0, 1.0], [pull, -rate]])
+        b = np.array([[0.0], [gain]])
         if input == "drive" and inner.lag > 0.0:
             a = np.block([[a, b], [np.zeros((1, 2)), np.full((1, 1), -1.0 / inner.lag)]])
             b = np.array([[0.0], [0.0], [1.0 / inner.lag]])
-            states, rates = [*states, "lagged"], rates | {"1 / lag": 1.0 / inner.lag}
+            states = [*states, "lagged"]
+            rates = rates | {"1 / lag": 1.0 / inner.lag}
         if method == "euler":
             _check_euler(rates, dt)
         if input == "drive" and inner.delay > 0.0:
@@ -574,7 +578,9 @@ class FrictionAxis:
 
     def _rows(self) -> list[tuple[str, str]]:
         """Names and values with units."""
-        length, force, speed = self.unit("m"), self.unit("N"), self.unit("m/s")
+        length = self.unit("m")
+        force = self.unit("N")
+        speed = self.unit("m/s")
         rows = [
             (rotary_words("mass", force), f"{self.mass:.6g} {self.unit('kg')}"),
             ("viscous", f"{self.viscous:.6g} {self.unit('N s/m')}"),
@@ -631,7 +637,8 @@ def mode_matrices(
     """State matrix and force column of ``v' = -rate v + force / mass``, "euler" or "zoh"."""
     if discretization == "euler":
         return np.array([[1.0, dt], [0.0, 1.0 - dt * rate]]), np.array([0.0, dt * inverse_mass])
-    z, fall = rate * dt, -np.expm1(-rate * dt)
+    z = rate * dt
+    fall = -np.expm1(-rate * dt)
     # ways of a velocity of 1, and of an acceleration of 1, by series where they cancel
     moved = fall / rate if z > 1e-8 else dt * (1.0 - 0.5 * z)
     drift = (dt - moved) / rate if z > 1e-4 else dt**2 * (0.5 - z / 6.0 + z * z / 24.0)
@@ -641,7 +648,8 @@ def mode_matrices(
 
 def _hold_matrices(a: Floats, b: Floats, h: float, method: str) -> tuple[Floats, Floats]:
     """Matrices of a time h over which the input is held."""
-    n, rate = len(a), -float(a[1, 1])
+    n = len(a)
+    rate = -float(a[1, 1])
     if method == "zoh" and n == 2 and a[1, 0] == 0.0 and rate >= 0.0:
         held, column = mode_matrices(rate, float(b[1, 0]), h, method)
         return held, column[:, None]
@@ -663,7 +671,8 @@ def _delay_matrices(
         )
     # In the sample the older input acts first, for a part of it, then the newer one.
     whole, part = axis_step._whole_samples(delay, dt)
-    n, length = len(a), whole + (part > 0.0)
+    n = len(a)
+    length = whole + (part > 0.0)
     a_new, b_new = _hold_matrices(a, b, (1.0 - part) * dt, method)
     a_old, b_old = _hold_matrices(a, b, part * dt, method)
     if method == "euler":
@@ -671,7 +680,8 @@ def _delay_matrices(
         a_new = np.eye(n)
     given = np.zeros((n, whole + 2))  # columns of the inputs, the newest first
     given[:, [whole]], given[:, [whole + 1]] = b_new, a_new @ b_old
-    older, shift = given[:, 1 : length + 1], np.eye(length, k=-1)
+    older = given[:, 1 : length + 1]
+    shift = np.eye(length, k=-1)
     big = np.block([[a_new @ a_old, older], [np.zeros((length, n)), shift]])
     return big, np.vstack([given[:, :1], np.eye(length, 1)])
 
@@ -805,8 +815,10 @@ def check_pace(axis: FrictionAxis, dt: float) -> None:
             swing = math.sqrt(effect.stiffest * inverse_masses(axis, dt)) * dt
         decay = rates["damping"] * dt if effect.action == "transmission" else 0.0
         if swing > MOST_SWING:
-            inner, unit = effect.inner(axis), axis.unit("N/m")
-            stiffness, less = inner.contact + inner.stiffness, MOST_SWING / swing
+            inner = effect.inner(axis)
+            unit = axis.unit("N/m")
+            stiffness = inner.contact + inner.stiffness
+            less = MOST_SWING / swing
             stiffness = max(stiffness, effect.stiffest)
             raise ValueError(
                 f"{effect.describe(axis.units)} is too stiff: with {stiffness:.3g} {unit} it "
@@ -832,7 +844,8 @@ def inverse_masses(axis: FrictionAxis, dt: float) -> float:
 
 def elastic_rates(axis: FrictionAxis, dt: float) -> dict[str, float]:
     """Frequencies of "contact" and "transmission", decay by its "damping" [1/s]; 0 without."""
-    numbers, inverse = axis.arrays(dt).numbers, inverse_masses(axis, dt)
+    numbers = axis.arrays(dt).numbers
+    inverse = inverse_masses(axis, dt)
     return {
         "contact": math.sqrt(
             numbers[axis_step.CONTACT_STIFFNESS] * numbers[axis_step.INVERSE_MASS]
@@ -874,7 +887,8 @@ def span_of(travel: Any, name: str = "travel") -> tuple[float, float]:
         low, high = travel
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be (low, high), got {travel!r}") from None
-    low, high = finite(f"{name}[0]", low), finite(f"{name}[1]", high)
+    low = finite(f"{name}[0]", low)
+    high = finite(f"{name}[1]", high)
     if not low < high:
         raise ValueError(f"{name} must run from low to high, got {travel!r}")
     return low, high

@@ -166,9 +166,11 @@ class Record(Saved):
             quantum = positive("quantum", quantum, zero=True)
         channels = checks.with_load(channels, load)
         found, made = checks.vectors(t, u, x, reference, channels)
-        notes, stored = checks.checked_notes(notes) + made, checks.checked_raw(raw)
+        notes = checks.checked_notes(notes) + made
+        stored = checks.checked_raw(raw)
         if x is None:
-            quantum, labels = 0.0, labels | position_unit(labels)
+            quantum = 0.0
+            labels = labels | position_unit(labels)
         dt = checks.uniform_step(found["t"])
         usable = usable_readings(good, found["x"].size)
         factor = stored.get("x", ("", 1.0))[1]
@@ -408,7 +410,8 @@ class Record(Saved):
         t0, t1 : float, optional
             Limits [s] on the record's own time axis; open when left out.
         """
-        a, b = -math.inf if t0 is None else t0, math.inf if t1 is None else t1
+        a = -math.inf if t0 is None else t0
+        b = math.inf if t1 is None else t1
         for limit, value in (("t0", a), ("t1", b)):
             if not isinstance(value, (int, float, np.number)):
                 raise ValueError(f"{limit} must be a number in s, got {value!r}")
@@ -649,7 +652,8 @@ class Record(Saved):
         steps = checks.increasing_steps(tv)
         edges = [0, *(np.flatnonzero(steps > 1.5 * np.median(steps)) + 1).tolist(), tv.size]
         checks.check_motion(found["u"], found["x"])
-        labels, step = checks.checked_units(units), float(np.median(steps))
+        labels = checks.checked_units(units)
+        step = float(np.median(steps))
         quantum = checks.estimated_quantum(found["x"], 1.0)
         parts = {"dt": step, "units": labels, "name": name, "notes": (), "raw": {}}
         parts |= {"quantum": quantum, "masked": NONE}
@@ -909,7 +913,8 @@ class Record(Saved):
 
     def __repr__(self) -> str:
         title = f"{self.name!r}, " if self.name else ""
-        u, x = self._span("u", ".4g"), self._span("x", ".4g")
+        u = self._span("u", ".4g")
+        x = self._span("x", ".4g")
         return f"Record({title}{len(self)} samples, dt={self.dt:.6g} s, u {u}, x {x})"
 
     def _unit(self, role: str) -> str:

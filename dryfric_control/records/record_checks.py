@@ -408,7 +408,8 @@ def _period(x: Floats, wraps: Ints, grid: float | None) -> float:
     steps = np.diff(x)
     inner = wraps[(wraps > 0) & (wraps < steps.size - 1)]
     wraps = inner if inner.size else wraps
-    before, after = steps[np.maximum(wraps - 1, 0)], steps[np.minimum(wraps + 1, steps.size - 1)]
+    before = steps[np.maximum(wraps - 1, 0)]
+    after = steps[np.minimum(wraps + 1, steps.size - 1)]
     if not inner.size:
         before = after = np.zeros(wraps.size)
     way = 0.5 * (before + after)
@@ -441,7 +442,8 @@ def unwrap_encoder(
     if period is None:
         return found
     x = found["x"]
-    period, grid = positive("unwrap", period), grid_of(x, factor)
+    period = positive("unwrap", period)
+    grid = grid_of(x, factor)
     steps = np.abs(np.diff(x))
     if np.mean(steps[steps > 0] > 0.5 * period) > 0.1:
         raise ValueError(
@@ -552,9 +554,11 @@ def clipped_samples(u: Floats, x: Floats) -> Bools:
         level = highest[np.argmax(within - np.arange(highest.size))] + spread
         inside = smooth >= level - _BAND * spread
         edges = np.flatnonzero(np.diff(inside, prepend=False, append=False))
-        starts, ends = edges[::2], edges[1::2]
+        starts = edges[::2]
+        ends = edges[1::2]
         long = (ends - starts >= _STAY) & (starts > (ends - starts) // 4)
-        starts, ends = starts[long], ends[long]
+        starts = starts[long]
+        ends = ends[long]
         if starts.size < _STAYS or not _runs_in(smooth, x, starts, ends, spread):
             return np.zeros(u.size, bool)
         for start, end in zip(starts, ends, strict=True):
@@ -599,7 +603,8 @@ def estimated_quantum(x: Floats, factor: float = 1.0) -> float | None:
     steps = np.abs(np.diff(x))
     gaps = np.diff(np.unique(x))
     least = max(64 * resolution, NEAR * float(np.ptp(x)))
-    steps, gaps = steps[steps > least], gaps[gaps > least]
+    steps = steps[steps > least]
+    gaps = gaps[gaps > least]
     repeated = gaps.size + 1 < x.size / 2
     if gaps.size == 0 or (not repeated and min(gaps.size, steps.size) < MIN_SAMPLES):
         return None

@@ -343,7 +343,8 @@ def describe_joints(
             words = "the drive is the recorded one: all values are divided by the gain"
             lost.append(Loss(name, f"input_gain: gain = {gain:.4g}", words, 0.0, recorded.units[1]))
         if form.armature and recorded.mass < load:
-            unit, words = recorded.unit("kg"), f"inertia {recorded.mass:.4g} "
+            unit = recorded.unit("kg")
+            words = f"inertia {recorded.mass:.4g} "
             instead = f"the bodies have {load:.4g} {unit} already"
             lost.append(Loss(name, words + unit, instead, load - recorded.mass, unit))
         if joint.records:
@@ -527,7 +528,8 @@ def _format_losses(
     coefficients, shape = _fit_format(form, axis, states)
     columns = form.columns(states.v, shape)
     friction, (length, force) = _friction(axis, states), axis.units
-    off, size = _rms(friction - columns @ coefficients), _rms(friction)
+    off = _rms(friction - columns @ coefficients)
+    size = _rms(friction)
     found = []
     for what, effect, without in _features(axis, states.x):
         if effect is not None and effect.slug in form.stated:

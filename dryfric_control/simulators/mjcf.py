@@ -100,7 +100,8 @@ class Mjcf:
         taken = {tag.attributes.get("name") for tag in self.tags if "actuator" in tag.path}
         new = []
         for joint, values in found.items():
-            bristles, old = mujoco_formats.has_bristles(values), there.get(joint)
+            bristles = mujoco_formats.has_bristles(values)
+            old = there.get(joint)
             if old is not None and bristles:
                 text = {"lugre": mujoco_formats.lugre_text(values)}
                 yield files.attributes_set(self.raw, old.at, text)

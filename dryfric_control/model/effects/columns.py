@@ -162,7 +162,8 @@ def by_law(effect: EffectClass, view: View) -> Iterator[Column]:
 def _parts(item: Any, view: View) -> list[float]:
     """Values of one parameter to try: parts of what its kind and unit say."""
     low, high = item.metadata["bounds"]
-    default, neutral = item.default, item.metadata["neutral"]
+    default = item.default
+    neutral = item.metadata["neutral"]
     neutral = float(default if default is not MISSING else np.clip(neutral or 0.0, low, high))
     kind = item.metadata["kind"]
     if kind == "angle":

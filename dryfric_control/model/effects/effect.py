@@ -314,7 +314,8 @@ class Effect:
     alter: ClassVar[Callable[..., Any]]
 
     def __init_subclass__(cls) -> None:
-        own, flags = vars(cls), {}
+        own = vars(cls)
+        flags = {}
         if "law" in own:
             read = read_by(own["law"])
             flags = {flag: not read.isdisjoint(names) for flag, names in _FLAGS.items()}
@@ -603,7 +604,8 @@ def largest_level(axis: BaseAxis) -> float:
 @functools.lru_cache(maxsize=1024)
 def slopes_by_law(effect: Effect, axis: BaseAxis, speed: float) -> Slopes:
     """Largest slopes of a law at many states of an axis, by differences."""
-    law, read = getattr(effect.law, "py_func", effect.law), read_by(effect.law)
+    law = getattr(effect.law, "py_func", effect.law)
+    read = read_by(effect.law)
     level, (low, high) = largest_level(axis), axis.travel or (-1.0, 1.0)
     rng = np.random.default_rng(0)
     sign = rng.choice([-1.0, 1.0], (3, _STATES))

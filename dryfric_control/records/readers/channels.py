@@ -36,7 +36,9 @@ def _names(entry: str) -> tuple[str, ...]:
     if entry[0] != "<":
         return (entry,)
     kind, _, mark = entry.strip("<>").partition(" ")
-    stems, marks, close = _SAID["stems"][kind], _SAID["marks"].get(mark), _SAID["marks"]["joined"]
+    stems = _SAID["stems"][kind]
+    marks = _SAID["marks"].get(mark)
+    close = _SAID["marks"]["joined"]
     if marks is None:
         return tuple(stems)
     parted = (n for s in stems for m in marks for n in (f"{s}_{m}", f"{m}_{s}"))
@@ -220,7 +222,8 @@ def _fits(role: str, unit: str) -> bool:
 def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> dict[str, int]:
     """Index of the column for each role, as the caller says or by usual names."""
     wanted = wanted or Wanted()
-    columns, timed = _checked_columns(wanted.columns), wanted.timed
+    columns = _checked_columns(wanted.columns)
+    timed = wanted.timed
     if not headings:
         raise ValueError(f"{where} holds no columns; at least t, u and x are needed")
     names = _column_names(headings, wanted.joint, where)
@@ -540,11 +543,15 @@ def to_si(found: Channels, gain: Gain, declared: Any = None) -> Channels:
             raise ValueError(
                 f"gain: {found.where} has no channel {key!r}; it has {', '.join(found.values)}"
             )
-    values, units, notes, raw = dict(found.values), {}, [*found.notes], dict(found.raw)
+    values = dict(found.values)
+    units = {}
+    notes = [*found.notes]
+    raw = dict(found.raw)
     quantum = found.quantum
     for role in values:
         key = "x" if role == "reference" else role
-        unit, said = found.units.get(role, ""), said_units.get(key, "")
+        unit = found.units.get(role, "")
+        said = said_units.get(key, "")
         factor, unit, si, done = _conversion(role, unit, said, scaling, found.where)
         notes += done
         if factor != 1:

@@ -145,9 +145,11 @@ def _sort_readings(stamps: Any, values: Any, origin: int | float) -> _Readings:
     there = np.isfinite(since)
     if array.dtype.kind == "f":
         there &= np.isfinite(array)
-    since, array = since[there], array[there]
+    since = since[there]
+    array = array[there]
     order = np.argsort(since, kind="stable")
-    since, array = since[order], array[order]
+    since = since[order]
+    array = array[order]
     first = np.diff(since, prepend=-np.inf) > 0.0
     return _Readings(since[first], array[first])
 

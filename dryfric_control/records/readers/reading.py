@@ -42,7 +42,8 @@ def read_as(
         return _read(record, source, columns, gain, **options)
     except RefusalError as problem:
         said = str(problem)
-        reasons, mend = [said], problem.mend
+        reasons = [said]
+        mend = problem.mend
     given = {"columns": columns, **options}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -48,7 +48,8 @@ def read_channels(
         found = replace(found, lacking="")
     asked = tuple(role for role, column in (wanted.columns or {}).items() if column is not None)
     found = on_position_clock(found, wanted.hold, asked)
-    values, notes = found.values, found.notes
+    values = found.values
+    notes = found.notes
     own_time = "t" in values
     if own_time and wanted.timed is False:
         raise ValueError(
@@ -124,7 +125,8 @@ def _select_columns(
     table: Mapping[str, Any], start: Channels, wanted: Wanted, listed: bool = False
 ) -> Channels:
     """The columns of a table that play a role; if listed, the others are noted."""
-    headings, named = list(table), wanted.columns or {}
+    headings = list(table)
+    named = wanted.columns or {}
     unnamed = all(h.isdigit() for h in headings)  # columns of an array
     known = [""] * len(headings) if unnamed else headings
     if isinstance(table, LogFile):
@@ -174,7 +176,8 @@ def _drop_unusable(
 
 def _select_log_channels(log: LogFile, start: Channels, wanted: Wanted) -> Channels:
     """Chosen channels of a log, each with its own clock."""
-    headings, named = log.headings, wanted.columns or {}
+    headings = log.headings
+    named = wanted.columns or {}
     # Each channel has a clock; a channel of time is one only where the caller says so.
     untimed = wanted._replace(timed=None, columns={"t": None, **named})
     chosen = channels.assign_columns(headings, untimed, start.where)
@@ -215,7 +218,8 @@ def _is_usable(role: str, channel: Channel) -> bool:
 
 def _from_first(values: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Whole numbers too large for float64, counted from the first one."""
-    out, notes = dict(values), []
+    out = dict(values)
+    notes = []
     for role in ("t", "x", "x2"):
         array = np.asarray(values.get(role, ()))
         if array.dtype.kind not in "iu" or array.size == 0 or array.ndim != 1:

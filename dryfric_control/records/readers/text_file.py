@@ -212,7 +212,8 @@ def _open(path: Path) -> IO[str]:
 
 def _content_lines(text: _Text) -> Iterator[tuple[int, str]]:
     """Lines of the content, and their numbers; comments above it go to the text."""
-    name, begun = text.name, False
+    name = text.name
+    begun = False
     try:
         with _open(text.path) as file:
             read = iter(functools.partial(file.readline, _LINE_LIMIT), "")
@@ -286,7 +287,8 @@ def _find_delimiter(text: _Text, lines: list[str]) -> int:
 
 def _check_column_count(text: _Text) -> None:
     """Refuse a file of fewer columns than a record needs."""
-    columns, timed = text.wanted.columns, text.wanted.timed
+    columns = text.wanted.columns
+    timed = text.wanted.timed
     needed = 2 if not timed or (isinstance(columns, dict) and None in columns.values()) else 3
     if len(text.headings) < needed:
         raise ValueError(
@@ -558,7 +560,8 @@ def _parse(text: _Text, chunk: _Lines) -> list[_Array]:
 def _numbers(text: _Text, role: str, column: int, cells: list[str], chunk: _Lines) -> _Array:
     """Numbers of some cells of a column: all at once, or one by one where something is amiss."""
     whole = "\n".join(cells)
-    comma, point = "," in whole, "." in whole
+    comma = "," in whole
+    point = "." in whole
     exact = text.dated
     other = comma and (point or text.delimiter == "," or text.decimal == ".")
     if not (other or "_" in whole or not whole.isascii() or (text.decimal == "," and point)):

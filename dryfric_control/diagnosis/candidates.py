@@ -107,7 +107,8 @@ def shown_range(
         low = min(float(r.x.min()) for r in records)
         high = max(float(r.x.max()) for r in records)
         room = _TRAVEL_MARGIN * (high - low)
-        return min([low - room, *(travel or ())]), max([high + room, *(travel or ())])
+        ends = travel or ()
+        return min([low - room, *ends]), max([high + room, *ends])
     dt = float(np.median([r.dt for r in records]))
     if kind == "time":
         return MIN_VISIBLE_DELAY * dt, _MAX_DELAY_FRACTION * max(r.duration for r in records)

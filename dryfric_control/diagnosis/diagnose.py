@@ -453,7 +453,8 @@ class _Answer:
         if problem.is_imposed:
             found += [_IMPOSED] + [_ONE_VELOCITY] * problem.steady
         pairs = zip(self.recorded, problem.runs, strict=True)
-        noise = math.sqrt(np.mean(np.concatenate([a.u - b.u for a, b in pairs]) ** 2))
+        differences = np.concatenate([a.u - b.u for a, b in pairs])
+        noise = math.sqrt(np.mean(differences**2))
         if noise > 0.0:
             unit = problem.believed.units[1]
             found.append(
@@ -664,8 +665,9 @@ def _cut(
 
 
 def _check_motion(windows: Sequence[Windows], several: bool) -> None:
-    for i, one in enumerate(windows):
-        if one.moving.sum() < 2 and (not several or not any(w.moving.sum() > 1 for w in windows)):
+    enough = [one.moving.sum() > 1 for one in windows]
+    for i in range(len(windows)):
+        if not enough[i] and not (several and any(enough)):
             name = f"record[{i}]" if several else "record"
             raise ValueError(
                 f"{name}: the axis hardly moves, so friction cannot be determined; use a record "
@@ -814,7 +816,9 @@ def run_cases(
             problem.add_note(f"in {label}[{name!r}]")
             results[name] = problem
             continue
-        data = [p for r in records for p in (r.t, r.u, r.x, r.reference, r.quantum, r.good)]
+        data: list[Any] = []
+        for r in records:
+            data += [r.t, r.u, r.x, r.reference, r.quantum, r.good]
         data += [r.known_load for r in records if r.known_load is not None]
         cases[name, fingerprint(*data), *own(axis)] = axis, records
     raise_failures(results, all_only=True)

@@ -158,7 +158,8 @@ def evidence(
     behind = at_the_mass(axis, record, hold)
     seen = Residual(*behind)
     moving = directions(record)
-    index = np.clip(np.rint((seen.t - record.t[0]) / record.dt), 0, len(record) - 1).astype(int)
+    numbers = np.rint((seen.t - record.t[0]) / record.dt)
+    index = np.clip(numbers, 0, len(record) - 1).astype(int)
     hidden = blind_samples(*behind) if hide is None else hide
     # Smoothing spreads the hidden samples over its whole window.
     shown = ~binary_dilation(hidden, np.ones(seen.smoothing, bool))[index]

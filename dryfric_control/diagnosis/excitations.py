@@ -99,7 +99,8 @@ def _reversals(stage: Stage, scale: float) -> Motion:
 def _steps(stage: Stage, scale: float) -> Motion:
     # Fixed pattern of short and long steps, with time to settle.
     pattern = np.array([0.0, 0.6, 0.0, -0.9, 0.3, 0.9, -0.3, 0.1, -0.6, 0.0, 0.9, -0.9])
-    number = np.minimum((stage.t / stage.duration * pattern.size).astype(int), pattern.size - 1)
+    number = (stage.t / stage.duration * pattern.size).astype(int)
+    number = np.minimum(number, pattern.size - 1)
     return stage.middle + scale * stage.reach * pattern[number]
 
 
@@ -126,7 +127,8 @@ def _braking(stage: Stage, scale: float) -> Motion:
     down = speed / slow
     even = max(min((way - 0.5 * speed * (up + down)) / speed, 0.1 * stage.duration), 0.0)
     one = np.cumsum([0.03 * stage.duration, up, even, down])
-    v = np.interp(np.mod(stage.t, one[-1]), [0.0, *one], [0.0, 0.0, speed, speed, 0.0])
+    phase = np.mod(stage.t, one[-1])
+    v = np.interp(phase, [0.0, *one], [0.0, 0.0, speed, speed, 0.0])
     v *= 1.0 - 2.0 * (np.floor(stage.t / one[-1]) % 2)
     dt = stage.t[1] - stage.t[0]
     x = np.cumsum(v) * dt
@@ -185,7 +187,8 @@ def _coasting(stage: Stage, scale: float) -> Motion:
     push = min(level + 0.5 * stage.spare, 0.9 * stage.limits.drive)
     force = np.where(np.mod(stage.t, part) < time, sign * push, 0.0)
     # The loop limits the deviation of hypotheses that move differently.
-    return stage.axis.simulate(force, float(stage.t[1]), x0=stage.middle).y[0].copy(), force
+    response = stage.axis.simulate(force, float(stage.t[1]), x0=stage.middle)
+    return response.y[0].copy(), force
 
 
 class KnownForce(BiasForce):

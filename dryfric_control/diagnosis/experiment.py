@@ -280,7 +280,8 @@ class Distance(NamedTuple):
     def from_squares(cls, squares: Floats, quantum: float) -> Distance:
         """Distance that the mean squares of the windows are."""
         ratio = np.sort(squares) / quantum**2
-        return cls(float(np.mean(np.log1p(ratio[:-1]))), float(np.sqrt(np.mean(ratio))))
+        part = float(np.mean(np.log1p(ratio[:-1])))
+        return cls(part, float(np.sqrt(np.mean(ratio))))
 
     @property
     def is_sufficient(self) -> bool:

@@ -56,13 +56,14 @@ class ForceView(ModelView):
         records = [m.record for m in self.motions]
         ends = np.cumsum([0, *(len(r) for r in records)])
         self.slices = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-        self.dt, self.quantum = records[0].dt, min(r.resolution.step for r in records)
+        self.dt = records[0].dt
+        self.quantum = min(r.resolution.step for r in records)
         self.duration = max(r.duration for r in records)
         self.t = np.concatenate([r.t for r in records])
-        self.x, self.v, self.a, self.direction = (
-            np.concatenate([getattr(m, name) for m in self.motions])
-            for name in ("x", "v", "a", "direction")
-        )
+        self.x = np.concatenate([m.x for m in self.motions])
+        self.v = np.concatenate([m.v for m in self.motions])
+        self.a = np.concatenate([m.a for m in self.motions])
+        self.direction = np.concatenate([m.direction for m in self.motions])
         self.u = self._drive_at_the_mass(axis)
         hold = problem.hold
         self.load = np.concatenate([known_force(m.record, hold) for m in self.motions])

@@ -250,7 +250,8 @@ class Gram:
     def _rigid(self, likelihood: Likelihood, z: FloatArray) -> tuple[Likelihood, FloatArray]:
         """Where the pass is: two masses on a spring, which have no scalar gains, are one mass."""
         axis = likelihood.axis_at(z, 0)
-        spring = next((n for n, e in named(axis).items() if e.inner(axis).stiffness > 0.0), None)
+        effects = named(axis).items()
+        spring = next((n for n, e in effects if e.inner(axis).stiffness > 0.0), None)
         if spring is not None:
             bare = self.problem.remove_effects(axis, spring)
             free = [n for n in self.problem.free_of(self.fit) if not n.startswith(f"{spring}.")]
@@ -402,13 +403,8 @@ class Gram:
         parameters may change along; `signed`: whether amounts keep the sign they must have.
         """
         held = 0 if moved else len(self.base)
-        index = np.array(
-            [
-                [*range(held, self.fixed), *(j for g in chosen for j in self.items[g].at)]
-                for chosen in sets
-            ],
-            int,
-        )
+        free = range(held, self.fixed)
+        index = np.array([[*free, *self._columns_of(chosen)] for chosen in sets], int)
         m = self.g[index[:, :, None], index[:, None, :]]
         m += _RIDGE * np.eye(index.shape[1])
         b = self.b[index]
@@ -419,28 +415,31 @@ class Gram:
         if signed:
             none |= c <= self.least[index]
         c = np.concatenate((np.zeros((len(sets), held)), c), axis=1)
-        gain = -0.5 * self.count * np.log(
-            np.maximum(1.0 - explained, 1e-12)
-        ) - self._assumption_cost(c)
+        left = np.maximum(1.0 - explained, 1e-12)
+        gain = -0.5 * self.count * np.log(left) - self._assumption_cost(c)
         return np.where(none.any(axis=1), -np.inf, gain), c
+
+    def _columns_of(self, chosen: Sequence[int]) -> list[int]:
+        """Columns of a set of items."""
+        return [j for g in chosen for j in self.items[g].at]
 
     def gains(self, sets: Sequence[Sequence[int]]) -> list[float]:
         """Predicted gains of some sets of items, the base as it is or moved along."""
         found = [0.0] * len(sets)
-        widths = [sum(len(self.items[g].at) for g in chosen) for chosen in sets]
+        widths = [len(self._columns_of(chosen)) for chosen in sets]
         for width in set(widths):
             some = [k for k, w in enumerate(widths) if w == width]
-            both = [
-                self._predicted_gains([sets[k] for k in some], moved)[0] for moved in (True, False)
-            ]
-            for k, gain in zip(some, np.maximum(*both).tolist(), strict=True):
+            alike = [sets[k] for k in some]
+            moved = self._predicted_gains(alike, True)[0]
+            held = self._predicted_gains(alike, False)[0]
+            for k, gain in zip(some, np.maximum(moved, held).tolist(), strict=True):
                 found[k] = gain
         return found
 
     def _residual_of(self, chosen: Sequence[int]) -> FloatArray:
         """Residual that a set of items leaves, the base moved along."""
         c = self._predicted_gains([chosen], True, signed=False)[1][0]
-        at = [*range(self.fixed), *(j for g in chosen for j in self.items[g].at)]
+        at = [*range(self.fixed), *self._columns_of(chosen)]
         return np.asarray(self.here.y + self._matrix[:, at] @ c)
 
     def _beyond_record(self, chosen: Sequence[int]) -> bool:
@@ -565,7 +564,8 @@ class Gram:
         if not late:
             return 0.0
         gains, c = self._predicted_gains(late, True, signed=False)
-        most = float(np.where(c[:, self.fixed] < 0.0, gains - self.base_gain, -np.inf).max())
+        early = c[:, self.fixed] < 0.0
+        most = float(np.where(early, gains - self.base_gain, -np.inf).max())
         return most if most > MIN_PREDICTED_GAIN else 0.0
 
     @cached_property
@@ -600,7 +600,12 @@ class Gram:
             for gain, g in zip(gains, some, strict=True)
             if gain > top - 0.5 * MIN_EXCHANGE_GAIN
         ]
-        return min(rows, key=lambda r: (len(self.items[r[1]].at), -r[0]), default=(-math.inf, -1))
+
+        def rank(row: tuple[float, int]) -> tuple[int, float]:
+            gain, g = row
+            return len(self.items[g].at), -gain
+
+        return min(rows, key=rank, default=(-math.inf, -1))
 
     @cached_property
     def _best_shapes(self) -> dict[str, tuple[float, int]]:
@@ -680,10 +685,12 @@ class Gram:
 
         def rest(k: int, name: str) -> float:
             others = [alone[n] for n in sets[k] if n != name]
-            return float(_left(np.column_stack([force[:, :0], *others]), force[:, [k]])[1][0])
+            columns = np.column_stack([force[:, :0], *others])
+            return float(_left(columns, force[:, [k]])[1][0])
 
         # One that leaves as much of the force as these without one of them is no better than that.
-        most = [MAX_SAME_RESIDUAL**2 * min(rest(k, n) for n in some) for k, some in enumerate(sets)]
+        least = [min(rest(k, n) for n in some) for k, some in enumerate(sets)]
+        most = [MAX_SAME_RESIDUAL**2 * one for one in least]
         sizes = [sum(map(_size, some)) for some in sets]
         best = self._simplest_alike(sets, sizes, force, most)
         free = problem.free_of(self.fit)
@@ -731,14 +738,18 @@ class Gram:
 
     def proposals(self) -> list[Proposal]:
         """Starts of fits that it has not proposed yet, with the likeliest shapes in a pass."""
-        sets = [
-            (gain, some, names)
-            for gain, some in self.sets()
-            for names in (frozenset(self.items[g].name for g in some),)
-            if names not in self._proposed
-        ]
-        self._proposed.update(s[2] for s in sets)
-        starts = self.problem.parallel(self._starts, [s[0] for s in sets], [s[1] for s in sets])
+        gains: list[float] = []
+        sets: list[list[int]] = []
+        new: set[frozenset[str]] = set()
+        for gain, some in self.sets():
+            names = frozenset(self.items[g].name for g in some)
+            if names in self._proposed:
+                continue
+            new.add(names)
+            gains.append(gain)
+            sets.append(some)
+        self._proposed.update(new)
+        starts = self.problem.parallel(self._starts, gains, sets)
         return [*itertools.chain(*starts), *self._instead_of_base()]
 
     def _instead_of_base(self) -> list[Proposal]:
@@ -818,8 +829,10 @@ class Gram:
             for k, one in enumerate(forms(axis, names))
         )
         for axis, free, other in starts:
-            # The numbers of the usual form are no guide to what it holds.
-            own = (*free, *(n for name in names for n in held_by(name))) if other else free
+            own = free
+            if other:
+                # The numbers of the usual form are no guide to what it holds.
+                own = (*free, *(n for name in names for n in held_by(name)))
             try:
                 likelihood = self.problem.likelihood(axis, (*self.problem.free_of(self.fit), *own))
             except ValueError:
@@ -863,7 +876,8 @@ class Gram:
         """Base parameters after relative changes, with their sign and within their bounds."""
         now = values_of(axis, self.base)
         some = {p.name: p for p in self.likelihood.parameters}
-        low, high = (np.array([getattr(some[n], b) for n in self.base]) for b in ("low", "high"))
+        low = np.array([some[n].low for n in self.base])
+        high = np.array([some[n].high for n in self.base])
         factor = np.where(low < 0.0, 1.0 + c, np.clip(1.0 + c, *_BASE_FACTOR_LIMITS))
         rise = np.clip(now * factor, low, high)
         none = np.maximum(c, 0.0) * self.here.size / self.here.fast

@@ -215,14 +215,14 @@ class ProposalFits:
         """
         reached = [(r.names, r.fit.cost) for r in self.rows]
         reached += [(one.proposal.names, one.fit.cost) for one in waiting]
-        return [
-            one
-            for one in waiting
-            if self._can_gain(one, top)
-            and not any(
+
+        def is_needless(one: PartialFit) -> bool:
+            """Whether some of its causes fit as well alone."""
+            return any(
                 {*names} < {*one.proposal.names} and cost <= one.fit.cost for names, cost in reached
             )
-        ]
+
+        return [one for one in waiting if self._can_gain(one, top) and not is_needless(one)]
 
     def _level(self, part: float) -> float:
         """Cost of the model at a factor of the raised random force.

@@ -240,7 +240,8 @@ class ModelView:
         m = np.stack([c * (self.direction != 0.0) for c in columns], axis=1)
         size = np.maximum(np.linalg.norm(m, axis=0), 1e-300)
         c = np.linalg.lstsq(m / size, force, rcond=1e-9)[0] / size
-        left = float(np.linalg.norm(force - m @ c)) / max(float(np.linalg.norm(force)), 1e-300)
+        whole = max(float(np.linalg.norm(force)), 1e-300)
+        left = float(np.linalg.norm(force - m @ c)) / whole
         return np.asarray(c), left
 
     def project_out(self, columns: Floats, ridge: float = 1e-6) -> None:
@@ -280,14 +281,17 @@ class ModelView:
         bins = 2 ** math.ceil(math.log2(8.0 * most + 64.0))
         place = np.minimum((along / length * bins).astype(int), bins - 1)
         signal = np.bincount(place, reading if kind == "reading" else force, bins)
-        power = np.abs(np.fft.rfft(signal, _PER_LOBE * bins))[: int(_PER_LOBE * most)] ** 2
+        spectrum = np.abs(np.fft.rfft(signal, _PER_LOBE * bins))
+        power = spectrum[: int(_PER_LOBE * most)] ** 2
         wave = np.arange(power.size) / _PER_LOBE
         at = np.geomspace(_FEWEST_PERIODS, most, _SIZES)
         angles = 2.0 * np.pi * at * along[:, None] / length
         sines = [*np.sin(angles).T, *np.cos(angles).T]
         found = self.of_readings(sines) if kind == "reading" else self.of_forces(sines)
-        size = np.maximum((found**2).sum(axis=0).reshape(2, -1).sum(axis=0), 1e-300)
-        power /= np.exp(np.interp(np.log(np.maximum(wave, 1.0)), np.log(at), np.log(size)))
+        size = (found**2).sum(axis=0).reshape(2, -1).sum(axis=0)
+        size = np.maximum(size, 1e-300)
+        logarithm = np.log(np.maximum(wave, 1.0))
+        power /= np.exp(np.interp(logarithm, np.log(at), np.log(size)))
         power[wave < _FEWEST_PERIODS] = 0.0
         peaks: list[float] = []
         while len(peaks) < _PEAKS and power.any():

@@ -153,11 +153,10 @@ class Problem:
 
     def outliers(self, fit: Solution) -> float:
         """Log-likelihood that innovations cost beyond the tail of as many normal ones."""
-        rows = [
-            out[0] ** 2 / out[1]
-            for run, one in zip(fit.problem.runs, fit.point.out, strict=True)
-            for out in (one[:, run.active & (one[1] > 0.0)],)
-        ]
+        rows = []
+        for run, one in zip(fit.problem.runs, fit.point.out, strict=True):
+            innovation, variance, *_ = one[:, run.active & (one[1] > 0.0)]
+            rows.append(innovation**2 / variance)
         ratios = np.concatenate(rows)
         # The largest of n squares of a normal variable is about 2 log n.
         normal = 2.0 * math.log(max(ratios.size, 1)) / NORMAL_VARIANCE_RATIO

@@ -87,10 +87,9 @@ def remaining_force(
         count += int(sliding.sum())
     frequency, spectrum = force[0]
     edges = np.unique(np.geomspace(1, frequency.size, _SPECTRUM_VALUES + 1).astype(int))
-    middle, power = (
-        tuple(float(one[a:b].mean()) for a, b in itertools.pairwise(edges))
-        for one in (frequency, spectrum)
-    )
+    bands = [slice(a, b) for a, b in itertools.pairwise(edges)]
+    middle = tuple(float(frequency[band].mean()) for band in bands)
+    power = tuple(float(spectrum[band].mean()) for band in bands)
     time = 0.0
     if lags[0] > 0.0 and count > 10:
         samples = integrate_autocorrelation(lags[:-1] / lags[0], count)

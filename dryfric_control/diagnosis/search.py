@@ -351,7 +351,8 @@ class Search:
         good = {frozenset(r.names) for r in looks.good}
         self.idle.setdefault(key, set()).update({frozenset(p.names) for p in tried} - good)
         if not now.causes:
-            gains = {r.names[0]: now.fit.cost - r.fit.cost for r in rows if len(r.names) == 1}
+            single = [r for r in rows if len(r.names) == 1]
+            gains = {r.names[0]: now.fit.cost - r.fit.cost for r in single}
             self.first = self.first | gains
         self._rounds[key] = now.fit, rows
         return rows
@@ -386,7 +387,9 @@ class Search:
         """
         if among and not any(effect_class(n).remembers for n in among):
             return False
-        fits = [now.fit, *(r.fit for r in looks.good), *([] if other is None else [other])]
+        fits = [now.fit, *(r.fit for r in looks.good)]
+        if other is not None:
+            fits.append(other)
         if not all(self.problem.left(fit) >= MIN_EVIDENCE for fit in fits):
             return False
         last = MAX_CAUSES if other is None and not looks.good else 1
@@ -640,8 +643,9 @@ class Search:
 
     def net_evidence(self, one: Model, other: Model) -> float:
         """Evidence for a model over another, net of the causes of both."""
-        costs = [sum(MIN_EVIDENCE + self._odds(c) for c in m.causes) for m in (one, other)]
-        return evidence(other.fit, one.fit, ()) - costs[0] + costs[1]
+        own = sum(MIN_EVIDENCE + self._odds(cause) for cause in one.causes)
+        others = sum(MIN_EVIDENCE + self._odds(cause) for cause in other.causes)
+        return evidence(other.fit, one.fit, ()) - own + others
 
     def alternatives(self, now: Model) -> dict[str, dict[str, Solution]]:
         """Effects that explain the records as well in the place of each cause."""
@@ -701,11 +705,12 @@ def _start_of(one: Proposal) -> _Start:
 
 def _simpler_set(one: Model, other: Model) -> bool:
     """Whether a model makes fewer assumptions than another, as `_assumptions` orders them."""
-    sizes = [
-        (len(m.fit.problem.names), sum(effect_class(n).rank for n in m.causes))
-        for m in (one, other)
-    ]
-    return sizes[0] < sizes[1]
+
+    def size(model: Model) -> tuple[int, float]:
+        rank = sum(effect_class(name).rank for name in model.causes)
+        return len(model.fit.problem.names), rank
+
+    return size(one) < size(other)
 
 
 def _is_simpler(one: FittedProposal, other: FittedProposal) -> bool:

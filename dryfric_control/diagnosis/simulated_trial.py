@@ -68,7 +68,8 @@ class Runs:
     def errors(self, axis: FrictionAxis) -> Floats:
         """Position errors of an axis, without a line that another start state could explain."""
         errors = self.positions(axis) - self.truth
-        q, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, errors.shape[1]), 2))
+        time = np.linspace(-1.0, 1.0, errors.shape[1])
+        q, _ = np.linalg.qr(np.vander(time, 2))
         return np.asarray(errors - (errors @ q) @ q.T)
 
 

@@ -80,7 +80,8 @@ class Floor:
         if above.size < 2:
             return 0.0, np.inf
         spread = float(np.std(above)) / np.sqrt(above.size)
-        return float(above.mean()), max(spread, float(np.std(self.scores[:, active].mean(axis=1))))
+        of_replays = float(np.std(self.scores[:, active].mean(axis=1)))
+        return float(above.mean()), max(spread, of_replays)
 
 
 def usual_rms(squares: Sequence[Floats]) -> float:
@@ -276,7 +277,8 @@ def _but_the_worst(
     k = int(np.argmax(over[i]))
     errors = list(found)
     others = list(replays)
-    errors[i], others[i] = np.delete(errors[i], k), np.delete(others[i], k, axis=1)
+    errors[i] = np.delete(errors[i], k)
+    others[i] = np.delete(others[i], k, axis=1)
     return errors, others
 
 
@@ -291,8 +293,10 @@ def _judge_imposed(problem: Problem, final: Solution) -> Judged:
         kinds = (before[0], run.active), (after[0], run.active), (noise, together)
         for row, (one, there) in zip(blocks, kinds, strict=True):
             for a, b in itertools.pairwise(run.edges):
-                if run.active[a:b].any():
-                    row.append(float(np.sum(one[a:b] ** 2 * there[a:b]) / run.active[a:b].sum()))
+                if not run.active[a:b].any():
+                    continue
+                squares = np.sum(one[a:b] ** 2 * there[a:b])
+                row.append(float(squares / run.active[a:b].sum()))
     gain = _gain([np.array(row) for row in blocks], problem.believed.units[1])
     structured = gain.after > MAX_WHITE_RESIDUAL_RATIO * gain.floor
     left = Unexplained(gain.left if structured else 0.0, structured, ())

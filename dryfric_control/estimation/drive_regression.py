@@ -56,7 +56,8 @@ class DriveRegression:
     def from_record(cls, record: Record) -> DriveRegression:
         """The regression, with the kernel that the noise of the inertial force asks for."""
         # At most the whole drive accelerates the mass.
-        mass = float(np.std(record.u)) / max(float(np.std(record.derivatives().a)), 1e-300)
+        acceleration = float(np.std(record.derivatives().a))
+        mass = float(np.std(record.u)) / max(acceleration, 1e-300)
         for _ in range(_ROUNDS):
             motion = SmoothedMotion.from_record(record, mass)
             if motion.places.size < _ENOUGH:

@@ -166,15 +166,12 @@ def force_map(axis: FrictionAxis, record: Record, hold: str = "zero") -> ForceMa
         "time": record.t[at],
         "after_reversal": distance_since_reversal(record.x, motion.direction)[at],
     }
-    curves = {
-        name: tuple(
-            curve
-            for side in (1, -1)
-            if (curve := _quantile_curve(side, values[way == side], missing[way == side]))
-            is not None
-        )
-        for name, values in over.items()
-    }
+    curves = {}
+    for name, values in over.items():
+        sides = [
+            _quantile_curve(side, values[way == side], missing[way == side]) for side in (1, -1)
+        ]
+        curves[name] = tuple(curve for curve in sides if curve is not None)
     length, force = axis.units
     return ForceMap(
         rms=float(np.sqrt(np.mean(missing**2))) if at.size else 0.0,

@@ -102,7 +102,8 @@ class Residual(Sliding):
     def __init__(self, axis: FrictionAxis, record: Record) -> None:
         middle = 0.5 * float(record.x.min() + record.x.max())
         levels = [axis.coulomb(np.array([middle]), s)[0] for s in (1, -1)]
-        level = max(0.5 * float(np.sum(np.abs(levels))), 1e-3 * float(np.std(record.u)))
+        mean = 0.5 * float(np.sum(np.abs(levels)))
+        level = max(mean, 1e-3 * float(np.std(record.u)))
         size = _smoothing_window(record, _MAX_ACCELERATION_NOISE * level / axis.mass)
         super().__init__(record, _DISPLAY_SAMPLES, size, smooth_drive=True)
         self.residual = self.force_residual(axis)

@@ -38,20 +38,20 @@ class ForceRun(Run):
     def force_residual(self, axis: FrictionAxis) -> Floats:
         """Force that the axis would need in addition to its drive, shape (nsliding,)."""
         one = self.sliding
-        contact, bristles = max(
-            ((i.contact, i.bristles) for i in (e.inner(axis) for e in axis.effects)),
-            default=(0.0, 0.0),
-        )
+        inner = [effect.inner(axis) for effect in axis.effects]
+        contact, bristles = max(((i.contact, i.bristles) for i in inner), default=(0.0, 0.0))
         if contact == 0.0:
             return one.force_residual(axis)
         # An elastic contact carries the part of the friction to which the motion since the last
         # reversal has strained it.
-        level = 0.5 * sum(float(axis.coulomb(np.mean(self.record.x), s)) for s in (1, -1))
+        middle = np.mean(self.record.x)
+        level = 0.5 * sum(float(axis.coulomb(middle, s)) for s in (1, -1))
         share = np.empty(len(self.record))
         start = float(one.direction[0])
         contact_deflection(self.record.x, level / contact, start, bristles > 0.0, share)
         share = share[self.index]
-        ahead, back = (one.force_residual(axis, np.full_like(one.direction, s)) for s in (1, -1))
+        ahead = one.force_residual(axis, np.full_like(one.direction, 1))
+        back = one.force_residual(axis, np.full_like(one.direction, -1))
         return np.asarray(0.5 * ((1.0 + share) * ahead + (1.0 - share) * back))
 
 

@@ -153,7 +153,8 @@ def prepare(
     """
     n = len(record)
     size = max(1, round(block / record.dt))
-    edges = np.append(np.arange(0, max(n - size // 2, 1), size), n).astype(np.int64)
+    starts = np.arange(0, max(n - size // 2, 1), size)
+    edges = np.append(starts, n).astype(np.int64)
     w = record.x[:0]
     cell = record.quantum or 0.0
     span = record.range
@@ -268,13 +269,15 @@ class Likelihood:
         self.beliefs = self._prior_numbers(believed, tolerance, priors, wonder)
         n = len(names)
         self.size = n + 2 * len(runs)
-        self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        self.low = np.full(self.size, -np.inf)
+        self.high = np.full(self.size, np.inf)
         self._bound_parameters()
         # Parameters that do not act as a force on the mass of a sliding axis.
         forceless = {n for n, e in named(axis).items() if e.action in _FORCELESS_ACTIONS}
         self.late = {n for n in names if n == SHIFT or n.partition(".")[0] in forceless}
         self._bound_noises()
-        self.steps = np.concatenate((np.full(n, _FIRST_STEP), np.full(2 * len(runs), _NOISE_STEP)))
+        noise_steps = np.full(2 * len(runs), _NOISE_STEP)
+        self.steps = np.concatenate((np.full(n, _FIRST_STEP), noise_steps))
         # Curvature of the cost along each coordinate, from its last slopes.
         self.bends = np.full(self.size, np.nan)
         # Applies a function to coordinates that do not depend on each other, in threads if any.
@@ -553,9 +556,8 @@ class Likelihood:
             blocks = self.runs[i].edges.size - 1
             g = np.zeros((blocks, 1))
             h = np.zeros((blocks, 1, 1))
-            compiled.normal_terms(
-                point.out[i], self.runs[i].active, self.runs[i].edges, slope[None], g, h
-            )
+            run = self.runs[i]
+            compiled.normal_terms(point.out[i], run.active, run.edges, slope[None], g, h)
             return g[:, 0]
         run = self.runs[i]
         here = point.out[i]
@@ -566,7 +568,8 @@ class Likelihood:
             if widths[1] > 0.0 and not both:
                 break
             moved = z.copy()
-            moved[j] = min(max(z[j] + sign * self.steps[j], self.low[j]), self.high[j])
+            there = z[j] + sign * self.steps[j]
+            moved[j] = min(max(there, self.low[j]), self.high[j])
             if moved[j] == z[j]:
                 continue
             try:
@@ -612,7 +615,8 @@ class Likelihood:
         if any(e.inner(axis) != _RIGID for e in axis.effects if e.action not in _TIMING_ACTIONS):
             return False
         moved = z.copy()
-        moved[j] += self.steps[j] if z[j] + self.steps[j] <= self.high[j] else -self.steps[j]
+        step = self.steps[j]
+        moved[j] += step if z[j] + step <= self.high[j] else -step
         direction = np.sign(states[2]).astype(np.int64)
         try:
             there = self.axis_at(moved, i)
@@ -644,7 +648,8 @@ class Likelihood:
             force, force[:0], recursion(axis, run.record.dt, states, run.w.size > 0), out
         )
         seen = point.out[i][1] > 0.0
-        slope[0, seen] = np.clip(out[seen, 0] / np.sqrt(point.out[i][1, seen]), -1.0, 1.0)
+        deviations = np.sqrt(point.out[i][1, seen])
+        slope[0, seen] = np.clip(out[seen, 0] / deviations, -1.0, 1.0)
         slope[0] /= moved[j] - z[j]
         slope[1] = 0.0
         return True

@@ -111,7 +111,8 @@ def typical(records: Sequence[Record]) -> Scales:
     """Typical force, length and time in records."""
     force = float(np.sqrt(np.mean([np.mean(r.u**2) for r in records])))
     length = float(np.mean([np.std(r.x) for r in records]))
-    speed = float(np.sqrt(np.mean([np.mean(r.derivatives().v ** 2) for r in records])))
+    squares = [np.mean(r.derivatives().v ** 2) for r in records]
+    speed = float(np.sqrt(np.mean(squares)))
     return Scales(force or 1.0, length, length / speed, records[0].dt)
 
 

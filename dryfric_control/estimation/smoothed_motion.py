@@ -186,7 +186,10 @@ def known_force(record: Record, hold: str = "zero") -> Floats:
 
 def _at_the_samples(u: Floats, hold: str) -> Floats:
     """Held input as the mean before and after each sample, else as it is."""
-    return np.asarray(0.5 * (u + np.concatenate((u[:1], u[:-1]))) if hold == "zero" else u)
+    if hold != "zero":
+        return u
+    before = np.concatenate((u[:1], u[:-1]))
+    return np.asarray(0.5 * (u + before))
 
 
 def missing_force(axis: FrictionAxis, motion: SmoothedMotion, u: Floats, known: Floats) -> Floats:

@@ -252,9 +252,9 @@ class Solution:
             rows = zip(first, second, middle, strict=True)
             return [np.concatenate((a[:, :k], b[:, k:]), axis=1) for a, b, k in rows]
 
-        both = Point(
-            0.0, join_halves(*(p.out for p in halves)), join_halves(*(p.states for p in halves))
-        )
+        first, second = halves
+        out = join_halves(first.out, second.out)
+        both = Point(0.0, out, join_halves(first.states, second.states))
         cost = float(self._blocks(both).sum()) + self.problem.prior(self.z)
         return replace(self, point=replace(both, cost=cost), by_recursion=False)
 

@@ -113,7 +113,8 @@ class Windows:
         `thorough`: windows that end far above the noise are searched again from other velocities.
         """
         count = len(self)
-        at = Evaluation(np.zeros(int(self.edges[-1])), np.zeros((3, count)), np.zeros(count))
+        errors = np.zeros(int(self.edges[-1]))
+        at = Evaluation(errors, np.zeros((3, count)), np.zeros(count))
         at.starts[2] = np.nan
         offsets = _VELOCITY_OFFSETS if thorough else _VELOCITY_OFFSETS[:0]
         search = Search(

@@ -133,7 +133,8 @@ def _page(d: Findings) -> NDArray[Any]:
     forces: list[Any] = []
     for i in range(len(AGAINST)):
         forces.append(figure.add_subplot(middle[i], sharey=forces[0] if forces else None))
-    low = [figure.add_subplot(bottom[place]) for place in (np.s_[0, 0], np.s_[:, 1], np.s_[1, 0])]
+    places = (np.s_[0, 0], np.s_[:, 1], np.s_[1, 0])
+    low = [figure.add_subplot(bottom[place]) for place in places]
     for one in forces[1:]:
         one.tick_params(labelleft=False)
     return np.array([*wide, *forces, *low], dtype=object)

@@ -92,9 +92,8 @@ def html_page(d: Findings) -> str:
     """The whole report as one HTML page that needs no network."""
     before, after = figures.sides(d)
     sides = figures.shown_sides(before, after)
-    medians, rms = (
-        ", ".join(f"{text(side)} {name}" for side, _, name in sides) for text in (_median, _force)
-    )
+    medians = ", ".join(f"{_median(side)} {name}" for side, _, name in sides)
+    rms = ", ".join(f"{_force(side)} {name}" for side, _, name in sides)
     return _TEMPLATES.get_template("page.html").render(
         d=d,
         force=d.axis.units[1],
@@ -129,7 +128,10 @@ def _evidence_rows(d: Findings, before: Evidence, after: Evidence | None) -> lis
         "stick/slip mismatch *": lambda side: percent(side.stick_slip_mismatch),
     }
     head = (wording.shown_record(d) or "whole record", *(name for *_, name in sides))
-    return [head, *((name, *(text(side) for side, *_ in sides)) for name, text in rows.items())]
+    table = [head]
+    for name, text in rows.items():
+        table.append((name, *(text(side) for side, *_ in sides)))
+    return table
 
 
 def _acting_rows(d: Findings) -> list[tuple[str, ...]]:

@@ -77,9 +77,10 @@ def viscous_coefficient(axis: FrictionAxis, direction: int) -> float:
 def level_table(d: Findings, points: int = 3) -> dict[str, Any]:
     """Coulomb levels, by side and direction, at "x", positions over the range of the record."""
     x = np.linspace(float(d.record.x.min()), float(d.record.x.max()), points)
-    sides = (("believed", d.axis), ("found", d.extended))
-    table = {side: {way: levels(axis, x, s) for s, way in WAYS} for side, axis in sides}
-    return {"x": x.tolist(), **table}
+    table: dict[str, Any] = {"x": x.tolist()}
+    for side, axis in (("believed", d.axis), ("found", d.extended)):
+        table[side] = {way: levels(axis, x, s) for s, way in WAYS}
+    return table
 
 
 def level_varies(table: dict[str, Any], in_place: bool = False) -> bool:

@@ -552,14 +552,13 @@ class Likelihood:
         little, but would change a linear estimate from the innovations' slopes much.  The
         error of a one-sided difference is corrected by the information.
         """
+        run = self.runs[i]
         if sides == 0 and self._slope_of_force(z, point, i, j, slope):
-            blocks = self.runs[i].edges.size - 1
+            blocks = run.edges.size - 1
             g = np.zeros((blocks, 1))
             h = np.zeros((blocks, 1, 1))
-            run = self.runs[i]
             compiled.normal_terms(point.out[i], run.active, run.edges, slope[None], g, h)
             return g[:, 0]
-        run = self.runs[i]
         here = point.out[i]
         ends = [here] * 2
         widths = [0.0, 0.0]

@@ -307,7 +307,8 @@ def point(numbers, integers):
 
 @internal(forceinline=True)
 def _law(plant, i, t, x, v, u, level, direction, rest):
-    address, offset = plant.integers[LAWS + 2 * i], plant.integers[LAWS + 2 * i + 1]
+    address = plant.integers[LAWS + 2 * i]
+    offset = plant.integers[LAWS + 2 * i + 1]
     return _call(address, t, x, v, u, level, direction, rest, plant.numbers, offset)
 
 
@@ -409,9 +410,11 @@ def _levels(plant, t, x, v, w, base, s, rest):
     """Level that the Stribeck peak raises, before the peak, and that of other contacts."""
     carried = _transmission_load(plant, t, x, v, w, s, rest)
     first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
-    peaked, last = first + plant.integers[N_PEAKED], first + plant.integers[N_LEVEL]
+    peaked = first + plant.integers[N_PEAKED]
+    last = first + plant.integers[N_LEVEL]
     driven = last - plant.integers[N_DRIVEN]
-    own, further = base, 0.0
+    own = base
+    further = 0.0
     for i in range(first, peaked):
         own += _law(plant, i, t, x, v, carried, own, s, rest)
     for i in range(peaked, driven):
@@ -458,14 +461,16 @@ def _level_behind(plant, t, x, v, slip, w, base, s, rest):
     share = plant.numbers[BEHIND]
     given = share * w + (1.0 - share) * plant.numbers[VISCOUS] * v
     by_friction = (1.0 - share) * s
-    last, last_level = 0.0, _level_under(plant, t, x, v, slip, given, base, s, rest)
+    last = 0.0
+    last_level = _level_under(plant, t, x, v, slip, given, base, s, rest)
     level = last_level
     for _ in range(_SECANTS):
         new = _level_under(plant, t, x, v, slip, given + by_friction * level, base, s, rest)
         if abs(new - level) <= _EQUAL_LEVELS * new or level == last:
             return new
         bend = 1.0 - (new - last_level) / (level - last)
-        last, last_level = level, new
+        last = level
+        last_level = new
         level = max(level + (new - level) / bend, 0.0) if bend > 0.0 else new
     return level
 
@@ -551,7 +556,8 @@ def step_error(plant, drive, k1, k2, k3, k4, placed, moved, d, allowed):
     # and an exponential one by Simpson's rule.
     i = plant.integers
     along = i[N_FORCE] + i[N_LEVEL] > 0 or i[N_PLUS] + i[N_MINUS] > 2
-    turn, lean = abs(k3 - k2), abs(k2 - k1)
+    turn = abs(k3 - k2)
+    lean = abs(k2 - k1)
     bend = abs((k1 - k2) - (k3 - k4))
     # A drive, or a known force, that runs linearly is no variation that a step could miss.
     linear = (drive.slope + plant.numbers[KNOWN_RATE]) * d * plant.numbers[INVERSE_MASS]
@@ -593,7 +599,8 @@ def peak_error(plant, x, v, v1, s, k1, k4, d):
     # step, and by Z = A d of them by the peak alone.  The error of the method is at most
     # d A w F (F + Z)^3/230, w = exp(-q^2) (1 + q^2)^2 where it is largest in the step:
     # up to 0.97 of it over a million random steps with F < 1 (`benchmarks/sampling.py peak`).
-    excess, inverse = plant.numbers[EXCESS], plant.numbers[INVERSE_STRIBECK_SPEED]
+    excess = plant.numbers[EXCESS]
+    inverse = plant.numbers[INVERSE_STRIBECK_SPEED]
     if excess == 0.0:
         return 0.0
     q = (min(s * v, s * v1) - plant.numbers[STICK_SPEED]) * inverse
@@ -605,7 +612,8 @@ def peak_error(plant, x, v, v1, s, k1, k4, d):
         level *= _RAISED
     fades = min(1.0, math.exp(-q) * (1.0 + q) * (1.0 + q))
     peak = level * excess * plant.numbers[INVERSE_MASS] * d
-    change, alone = max(abs(k1), abs(k4)) * d * inverse, peak * inverse
+    change = max(abs(k1), abs(k4)) * d * inverse
+    alone = peak * inverse
     steep = change + alone
     return peak * fades * change * steep * steep * steep / _PEAK_ERROR
 
@@ -620,8 +628,10 @@ def peak_step(plant, v, v1, s, d):
         return d
     # Speed above the stick speed, in Stribeck speeds: the friction is constant below 0 and
     # far above.
-    sigma, inverse = plant.numbers[STICK_SPEED], plant.numbers[INVERSE_STRIBECK_SPEED]
-    above, then = (s * v - sigma) * inverse, (s * v1 - sigma) * inverse
+    sigma = plant.numbers[STICK_SPEED]
+    inverse = plant.numbers[INVERSE_STRIBECK_SPEED]
+    above = (s * v - sigma) * inverse
+    then = (s * v1 - sigma) * inverse
     if max(above, then) <= 0.0 or min(above, then) >= _STRIBECK_EDGE:
         return d
     level = -above if above < 0.0 else above - _STRIBECK_EDGE
@@ -655,7 +665,10 @@ def _surface(plant, drive, t0, tau, x, v, s, kind):
 @internal
 def _cut(plant, drive, t0, tau, x, v, s, k1, d, kind, upper):
     """Length of the step that ends on a switching surface; `upper`: its function, at the end."""
-    a, b, fb, side = 0.0, d, upper, 0
+    a = 0.0
+    b = d
+    fb = upper
+    side = 0
     fa = _surface(plant, drive, t0, tau, x, v, s, kind)
     if fa <= 0.0:
         return 0.0
@@ -705,15 +718,20 @@ def _map_slope(plant, first, count):
 @internal
 def hold_rate(plant, changing, x, speed, acceleration):
     """Largest rates of load and of level [N/s], under a drive that is `changing` so fast."""
-    numbers, i = plant.numbers, plant.integers
+    numbers = plant.numbers
+    i = plant.integers
     level = _RAISED * max(base_level(plant, x, 1.0), base_level(plant, x, -1.0))
-    force, friction = i[N_INPUT], i[N_INPUT] + i[N_FORCE]
-    by_drive, forces = 1.0, abs(numbers[KNOWN_RATE])
+    force = i[N_INPUT]
+    friction = i[N_INPUT] + i[N_FORCE]
+    by_drive = 1.0
+    forces = abs(numbers[KNOWN_RATE])
     for k in range(force, friction):
         law = i[LAWS + 2 * k + 1]
         by_drive += numbers[law + BY_LOAD]
         forces += _slope_rate(numbers, law, speed, acceleration)
-    by_load, levels, raised = 0.0, 0.0, 1.0 + numbers[EXCESS]
+    by_load = 0.0
+    levels = 0.0
+    raised = 1.0 + numbers[EXCESS]
     for k in range(friction, friction + i[N_LEVEL]):
         law = i[LAWS + 2 * k + 1]
         share = raised if k < friction + i[N_PEAKED] else 1.0
@@ -765,7 +783,8 @@ def resolve(plant, t, x, v, mode, rest, w):
     s = float(mode)
     if s * v < 0.0:
         # Reached only with the printed rule or a state given from outside.
-        mode, s = -mode, -s
+        mode = -mode
+        s = -s
     if s * v <= plant.numbers[STICK_SPEED]:
         side = s if s * w > 0.0 else -s
         if abs(w) <= _holding_level(plant, t, x, v, w, side):
@@ -887,7 +906,8 @@ def _first_excess(plant, drive, t0, tau, x, v, rest, a, b, s):
             break
         above, side = _hold_later(plant, drive, t0, tau, x, v, rest, c)
         if above > 0.0:
-            b, s = c, side
+            b = c
+            s = side
         else:
             a = c
     return b, s
@@ -916,7 +936,8 @@ def _release(plant, drive, t0, tau, x, v, rest, d):
     if drive.fade != 0.0:
         finest = min(finest, 1.0 / drive.rate)
     finest *= _FINEST_LOOK
-    a, length = 0.0, d
+    a = 0.0
+    length = d
     start, _ = _hold_later(plant, drive, t0, tau, x, v, rest, 0.0)
     while a < d:
         b = a + length if length < d - a else d
@@ -928,11 +949,15 @@ def _release(plant, drive, t0, tau, x, v, rest, d):
         if not sure and end <= 0.0:
             peak, high, side = _peak_between(plant, drive, t0, tau, x, v, rest, a, b, start, end)
             if high > 0.0:
-                b, end, s = peak, high, side
+                b = peak
+                end = high
+                s = side
         if end > 0.0:
             b, s = _first_excess(plant, drive, t0, tau, x, v, rest, a, b, s)
             return True, b, s
-        length, a, start = max(2.0 * (b - a), finest), b, end
+        length = max(2.0 * (b - a), finest)
+        a = b
+        start = end
     return False, d, 1.0
 
 
@@ -980,21 +1005,24 @@ def _sliding_end(plant, drive, t0, tau, x, v, x1, v1, s, k1, d, varies, may, div
             return _DIVIDED, part * d
     if not inside and (start <= 0.0 or end <= 0.0):
         return _OUTER, _cut(plant, drive, t0, tau, x, v, s, k1, d, _OUTER, s * v1 - sigma)
-    kind, cut = _ON, d
+    kind = _ON
+    cut = d
     if may and s * v1 <= 0.0 and (plant.integers[RULE] == FILIPPOV or flips == 0):
         kind = _ZERO
         cut = _cut(plant, drive, t0, tau, x, v, s, k1, d, _ZERO, s * v1)
     if may and inside and end <= 0.0:
         other = _cut(plant, drive, t0, tau, x, v, s, k1, d, _BAND, end)
         if kind == _ON or other < cut:
-            kind, cut = _BAND, other
+            kind = _BAND
+            cut = other
     return kind, cut
 
 
 @internal(forceinline=True)
 def _mode_after(plant, drive, t0, tau, x, v, mode, kind, d):
     """Mode and velocity after a sliding step of length d that ended in a switch."""
-    s, sigma = float(mode), plant.numbers[STICK_SPEED]
+    s = float(mode)
+    sigma = plant.numbers[STICK_SPEED]
     if kind == _BAND:
         return (0 if s * v <= sigma else mode), v
     if kind == _OUTER:
@@ -1016,7 +1044,10 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, long
     tau = 0.0
     switches = 0
     flips = 0
-    close, pause, resume, last = 0, CLOSE * h, 0.0, -h
+    close = 0
+    pause = CLOSE * h
+    resume = 0.0
+    last = -h
     fresh = False  # whether k1 must be recomputed
     while tau < h:
         # The mode is held until `resume`, see `switching_pause`.
@@ -1034,7 +1065,10 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, long
             if found:
                 switches += 1
                 record(events, count, t0 + tau, 0, int(s), switches)
-                mode, rest, fresh, longest = int(s), 0.0, True, h
+                mode = int(s)
+                rest = 0.0
+                fresh = True
+                longest = h
                 close, pause, resume = switching_pause(tau, last, h, close, pause)
                 last = tau
                 if s * v < 0.0:
@@ -1067,7 +1101,9 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, long
             longest = cut
             continue
         if kind == _ON:
-            x, v, fresh = x1, v1, True
+            x = x1
+            v = v1
+            fresh = True
             tau += d
             if tau + SHORTEST * h >= h:
                 tau = h
@@ -1077,7 +1113,8 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, long
 
         x, v, _, _, _, _ = slide(plant, drive, t0, tau, x, v, s, k1, cut)
         tau += cut
-        fresh, longest = True, h
+        fresh = True
+        longest = h
         if kind == _ZERO and plant.integers[RULE] == PAPER:
             # The printed rule alone would switch endlessly inside the sample.
             flips += 1
@@ -1085,7 +1122,8 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, long
         if after != mode:
             switches += 1
             record(events, count, t0 + tau, mode, after, switches)
-            mode, rest = after, 0.0
+            mode = after
+            rest = 0.0
             close, pause, resume = switching_pause(tau, last, h, close, pause)
             last = tau
 
@@ -1095,11 +1133,15 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, long
 @internal(inline="always")
 def _advance_rigid(plant, drive, t0, h, memory, events, count):
     """Move an axis without inner states, see `advance`."""
-    x, v, mode, rest = memory[X], memory[V], int(memory[MODE]), memory[REST]
+    x = memory[X]
+    v = memory[V]
+    mode = int(memory[MODE])
+    rest = memory[REST]
     first, v, friction, k1 = begin(plant, drive, t0, x, v, mode, rest)
     if first != mode:
         record(events, count, t0, mode, first)
-        mode, rest = first, 0.0
+        mode = first
+        rest = 0.0
     calm, x1, v1, length = _try_one_step(plant, drive, t0, h, x, v, mode, rest, k1)
     if calm:
         memory[X], memory[V], memory[MODE] = x1, v1, mode
@@ -1113,7 +1155,8 @@ def _rigid_task(
     task, numbers, integers, start, slope, fade, rate, t0, h, memory, events, count, seen
 ):
     """Perform a task of an axis without inner states; velocity, friction, mode."""
-    plant, drive = Plant(numbers, integers), Drive(start, slope, fade, rate)
+    plant = Plant(numbers, integers)
+    drive = Drive(start, slope, fade, rate)
     if task == ADVANCE:
         v, friction, mode = _advance_rigid(plant, drive, t0, h, memory, events, count)
     else:
@@ -1172,7 +1215,8 @@ def place(plant, t, dt, y, memory):
         # The encoder error varies slowly with position: the fixed-point iteration converges.
         for _ in range(_TURNS):
             memory[X] += y - encoder_reading(plant, t, memory)
-        x, way = memory[X], memory[V] * dt
+        x = memory[X]
+        way = memory[V] * dt
         if way != 0.0:
             memory[X] = x + way
             read = encoder_reading(plant, t, memory) - y
@@ -1212,7 +1256,8 @@ def is_straight(plant, u0, u1):
 @internal(forceinline=True)
 def _advance_straight(plant, t, start, end, h, memory, events, count):
     """Move the axis over h, in which the drive before its lag runs from start to end."""
-    slope, lag = (end - start) / h, plant.numbers[LAG]
+    slope = (end - start) / h
+    lag = plant.numbers[LAG]
     if lag <= 0.0:
         return advance(plant, Drive(start, slope, 0.0, 0.0), t, h, memory, events, count)
     level = start - slope * lag
@@ -1226,7 +1271,8 @@ def _advance_straight(plant, t, start, end, h, memory, events, count):
 def _advance_bent(plant, t, u0, u1, h, memory, events, count):
     """Move the axis over h, in which the input laws bend between the inputs u0 and u1."""
     # The drive is linear between the inputs at which it bends.
-    start, end = input_map(plant, t, memory, u0), input_map(plant, t, memory, u1)
+    start = input_map(plant, t, memory, u0)
+    end = input_map(plant, t, memory, u1)
     seen = (0.0, 0.0, 0)
     part = 0.0
     for k in range(plant.integers[N_CORNERS] + 1):
@@ -1239,7 +1285,8 @@ def _advance_bent(plant, t, u0, u1, h, memory, events, count):
         )
         if k == 0:
             seen = first
-        start, part = after, following
+        start = after
+        part = following
         if part == 1.0:
             break
     return seen
@@ -1406,7 +1453,8 @@ def run(numbers, integers, memory, u, known, dt, first, room, out):
     for k in range(n - 1):
         if 3 * count[LISTED] + room > events.shape[0]:
             events = longer_list(events, count)
-        t, end = k * dt, u[k + 1] if first else u[k]
+        t = k * dt
+        end = u[k + 1] if first else u[k]
         if known.shape[0] > 0:  # to hand an array on counts its references
             set_known_force(plant, t, dt, known, k, first)
         out[0, k] = encoder_reading(plant, t, state)

@@ -89,9 +89,11 @@ def _load_side(plant):
 @step.internal(forceinline=True)
 def _transmission_force(side, drive, tau, at):
     """Force on the mass with friction: of the spring between two masses, of the drive, or both."""
-    kind, force = side.integers[step.STRUCTURE], 0.0
+    kind = side.integers[step.STRUCTURE]
+    force = 0.0
     if kind & step.SPRING:
-        stiffness, damping = side.numbers[step.STIFFNESS], side.numbers[step.DAMPING]
+        stiffness = side.numbers[step.STIFFNESS]
+        damping = side.numbers[step.DAMPING]
         force = stiffness * (at.x - at.y) + damping * (at.v - at.p)
     if not kind & step.SPRING or kind & step.MOTOR_RUBS:
         force += step.drive_force(drive, tau)
@@ -153,7 +155,8 @@ def _deflection(side, drive, t0, tau, at, strain, mode, rest):
 @step.internal(forceinline=True)
 def _contact_force(side, z, most, p):
     """Force of an elastic contact at deflection z and velocity p."""
-    numbers, rate = side.numbers, p
+    numbers = side.numbers
+    rate = p
     force = numbers[step.CONTACT_STIFFNESS] * z
     if numbers[step.STICK_RATE] == 0.0:
         return force
@@ -176,7 +179,9 @@ def _rates(side, drive, t0, tau, at, strain, mode, rest):
     motor = 0.0
     if side.integers[step.STRUCTURE] & step.SPRING:
         motor = (step.drive_force(drive, tau) - force) * side.numbers[step.INVERSE_MOTOR]
-    s, t, contact = float(mode), t0 + tau, side.integers[step.STRUCTURE] & step.CONTACT
+    s = float(mode)
+    t = t0 + tau
+    contact = side.integers[step.STRUCTURE] & step.CONTACT
     if mode == 0 and not contact:
         return motor, -side.numbers[step.STICK_RATE] * at.p
     w = step.load_under(side, force, t, at.y, at.p, s if abs(mode) == 1 else 0.0, rest)
@@ -202,7 +207,8 @@ def _wave_error(k1, k2, k3, k4, phi, d):
 @step.internal(forceinline=True)
 def _phase_rate(side, mode):
     """Rate at which contact and spring swing or decay in a phase [1/s]."""
-    numbers, turn = side.numbers, 0.0
+    numbers = side.numbers
+    turn = 0.0
     if mode == 0 or _bristles(side):
         turn = numbers[step.STICK_RATE]
         if side.integers[step.STRUCTURE] & step.CONTACT:
@@ -225,9 +231,14 @@ def _level_can_fall(side):
 @step.internal
 def _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d):
     """One step of motor and load: their states, last stages, and the step's error."""
-    half, t = 0.5 * d, tau + 0.5 * d
-    x, v, y, p = at.x, at.v, at.y, at.p
-    xm, ym = x + half * (v + 0.25 * d * m1), y + half * (p + 0.25 * d * k1)
+    half = 0.5 * d
+    t = tau + 0.5 * d
+    x = at.x
+    v = at.v
+    y = at.y
+    p = at.p
+    xm = x + half * (v + 0.25 * d * m1)
+    ym = y + half * (p + 0.25 * d * k1)
     middle = Masses(xm, v + half * m1, ym, p + half * k1)
     m2, k2 = _rates(side, drive, t0, t, middle, strain, mode, rest)
     middle = Masses(xm, v + half * m2, ym, p + half * k2)
@@ -240,7 +251,9 @@ def _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d):
         y + d * (p + d * (k1 + k2 + k3) / 6.0),
         p + d * (k1 + 2.0 * (k2 + k3) + k4) / 6.0,
     )
-    numbers, turn, bristles = side.numbers, _phase_rate(side, mode), _bristles(side)
+    numbers = side.numbers
+    turn = _phase_rate(side, mode)
+    bristles = _bristles(side)
     error = 0.0
     if side.integers[step.STRUCTURE] & step.SPRING:
         error = _wave_error(m1, m2, m3, m4, d * turn, d)
@@ -294,7 +307,9 @@ def _slip_approach_rate(side, drive, t0, tau, at, m, k, s, rest, d):
 @step.internal
 def _margin(side, drive, t0, tau, at, strain, mode, rest, flips, length):
     """Distance from the end of a phase, inside a step of that `length`: positive until then."""
-    s, t, p = float(mode), t0 + tau, at.p
+    s = float(mode)
+    t = t0 + tau
+    p = at.p
     if abs(mode) == _BENDS:
         z, most = _deflection(side, drive, t0, tau, at, strain, mode, rest)
         s /= _BENDS
@@ -329,13 +344,15 @@ def _margin(side, drive, t0, tau, at, strain, mode, rest, flips, length):
 @step.internal
 def _begin_inner(side, drive, t0, at, z, mode, rest):
     """Mode, velocity and deflection of the load, friction force, accelerations."""
-    y, p = at.y, at.p
+    y = at.y
+    p = at.p
     force = _transmission_force(side, drive, 0.0, at)
     w = step.load_under(side, force, t0, y, p, float(mode), rest)
     contact = side.integers[step.STRUCTURE] & step.CONTACT != 0
     if not contact:
         mode, p = step.resolve(side, t0, y, p, mode, rest, w)
-        z, friction = 0.0, w
+        z = 0.0
+        friction = w
     else:
         stiffness = side.numbers[step.CONTACT_STIFFNESS]
         if mode != 0 and mode * p <= 0.0:
@@ -351,9 +368,11 @@ def _begin_inner(side, drive, t0, at, z, mode, rest):
     now = Masses(at.x, at.v, y, p)
     if contact and _bristles(side):
         strain, phase = _bristle_phase(side, drive, t0, 0.0, now, z, mode, rest)
-        mode, friction = _open(phase), _contact_force(side, z, strain.most, p)
+        mode = _open(phase)
+        friction = _contact_force(side, z, strain.most, p)
     else:
-        strain, phase = Strain(y, z, 0.0), mode
+        strain = Strain(y, z, 0.0)
+        phase = mode
         if mode != 0:
             friction = step.sliding_friction(side, force, t0, y, p, float(mode))
     motor, rate = _rates(side, drive, t0, 0.0, now, strain, phase, rest)
@@ -404,7 +423,8 @@ def _margin_rate(side, drive, at, end, m1, k1, m4, k4, d):
     """Largest rate of the distance from the end of mode 0 inside a step, see `_margin`."""
     most = max(abs(k1), abs(k4)) + abs(k4 - k1)
     speed = max(abs(at.p), abs(end.p)) + 0.5 * most * d
-    kind, changing = side.integers[step.STRUCTURE], 0.0
+    kind = side.integers[step.STRUCTURE]
+    changing = 0.0
     if kind & step.SPRING:
         motor = max(abs(m1), abs(m4)) + abs(m4 - m1)
         slip = max(abs(at.v - at.p), abs(end.v - end.p)) + 0.5 * (motor + most) * d
@@ -430,9 +450,11 @@ def _first_end(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, d, s
     """First part of a step in which the phase ends, and the distance then; d if it does not."""
     # The distance is `start` at the beginning, `left` at the end, and changes at most at `rate`.
     finest = _FINEST_LOOK * d
-    a, length = 0.0, d
+    a = 0.0
+    length = d
     while a < d:
-        b, fb = d, left
+        b = d
+        fb = left
         if length < d - a:
             b = a + length
             fb = _margin_within(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, b, d)
@@ -447,14 +469,19 @@ def _first_end(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, d, s
             fc = _margin_within(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, c, d)
             if fc <= 0.0:
                 return c, fc
-        length, a, start = max(2.0 * (b - a), finest), b, fb
+        length = max(2.0 * (b - a), finest)
+        a = b
+        start = fb
     return d, left
 
 
 @step.internal
 def _phase_end(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, d, left, exact):
     """Length of the part of a step of length d that ends with the phase, by repeating the step."""
-    a, b, fb, last = 0.0, d, left, 0
+    a = 0.0
+    b = d
+    fb = left
+    last = 0
     fa = _margin(side, drive, t0, tau, at, strain, mode, rest, flips, d)
     for i in range(200):
         c = secant_point(a, fa, b, fb)
@@ -478,7 +505,10 @@ def _back_strain(side, drive, t0, tau, at, mode, rest):
 @step.internal
 def _phase_after(side, drive, t0, tau, at, strain, mode, rest, flips, moved):
     """Phase after another, velocity of the load, strain; `moved`: whether the step has a length."""
-    s, t, y, p = float(mode), t0 + tau, at.y, at.p
+    s = float(mode)
+    t = t0 + tau
+    y = at.y
+    p = at.p
     force = _transmission_force(side, drive, tau, at)
     if _bristles(side):
         z, most = _deflection(side, drive, t0, tau, at, strain, mode, rest)
@@ -516,10 +546,12 @@ def _phase_after(side, drive, t0, tau, at, strain, mode, rest, flips, moved):
 @step.internal(forceinline=True)
 def _masses(memory, two, rubs):
     """The masses as memory has them; those of one mass are alike."""
-    x, v = memory[step.X], memory[step.V]
+    x = memory[step.X]
+    v = memory[step.V]
     if not two:
         return Masses(x, v, x, v)
-    y, p = x + memory[step.OFFSET], v + memory[step.SLIP]
+    y = x + memory[step.OFFSET]
+    p = v + memory[step.SLIP]
     return Masses(y, p, x, v) if rubs else Masses(x, v, y, p)
 
 
@@ -568,7 +600,8 @@ def _stable_step(side, at, strain, mode, k1):
 @step.internal
 def _store(side, drive, t0, h, at, strain, mode, rest, memory):
     """Put the state at the end of an interval into memory."""
-    kind, p = side.integers[step.STRUCTURE], at.p
+    kind = side.integers[step.STRUCTURE]
+    p = at.p
     if kind & step.CONTACT:
         z = _stuck_deflection(strain, at.y)
         if _bristles(side):
@@ -593,8 +626,11 @@ def _store(side, drive, t0, h, at, strain, mode, rest, memory):
 def _advance_inner(side, drive, t0, h, memory, events, count):
     """Move one mass on an elastic contact, or two on a spring; `side`: with the one that rubs."""
     kind = side.integers[step.STRUCTURE]
-    two, rubs = kind & step.SPRING != 0, kind & step.MOTOR_RUBS != 0
-    before, rest, at = int(memory[step.MODE]), memory[step.REST], _masses(memory, two, rubs)
+    two = kind & step.SPRING != 0
+    rubs = kind & step.MOTOR_RUBS != 0
+    before = int(memory[step.MODE])
+    rest = memory[step.REST]
+    at = _masses(memory, two, rubs)
     if not abs(at.y) < math.inf:  # as it is left by a motion that no step follows
         return at.v, 0.0, before
     first, p, z, friction, m1, k1 = _begin_inner(
@@ -614,7 +650,10 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
     if mode == 0:
         gap = _margin(side, drive, t0, 0.0, at, strain, mode, rest, 0, h)
     tau, longest, switches, flips, tries, fresh = 0.0, h, 0, 0, 0, False
-    close, pause, resume, last = 0, step.CLOSE * h, 0.0, -h
+    close = 0
+    pause = step.CLOSE * h
+    resume = 0.0
+    last = -h
     while tau < h:
         if fresh:
             m1, k1 = _rates(side, drive, t0, tau, at, strain, mode, rest)
@@ -641,7 +680,8 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                 longest = cut
                 continue
         end_rest = rest + d if abs(mode) != 1 else 0.0
-        part, left = d, math.inf
+        part = d
+        left = math.inf
         if tau >= resume and switches < count[step.MOST]:
             left = _margin(side, drive, t0, tau + d, end, strain, mode, end_rest, flips, d)
             if mode == 0:
@@ -650,7 +690,10 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                     side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, d, gap, left, rate
                 )
         if left > 0.0:
-            at, rest, gap, fresh = end, end_rest, left, True
+            at = end
+            rest = end_rest
+            gap = left
+            fresh = True
             tau += d
             strain = _next_strain(side, drive, t0, tau, at, strain, mode, rest)
             if tau + step.SHORTEST * h >= h:
@@ -667,7 +710,8 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         tau += cut
         if tau + step.SHORTEST * h >= h:
             tau = h
-        fresh, longest = True, h
+        fresh = True
+        longest = h
         if abs(mode) != 1:
             rest += cut
         after, p, strain = _phase_after(
@@ -743,7 +787,9 @@ def _state_of_one(plant, memory, scratch):
 @step.internal
 def _seen_one(plant, drive, t, state):
     """Mode, velocity, friction force and acceleration of one mass at the start."""
-    mode, rest, at = int(state[step.MODE]), state[step.REST], _masses(state, False, False)
+    mode = int(state[step.MODE])
+    rest = state[step.REST]
+    at = _masses(state, False, False)
     if plant.integers[step.STRUCTURE] & step.CONTACT:
         z = state[step.DEFLECTION]
         mode, p, _, friction, _, rate = _begin_inner(plant, drive, t, at, z, mode, rest)
@@ -782,7 +828,8 @@ def contact_side(plant, memory):
 @step.internal
 def _impulse_loss(plant, t, y, v, side):
     """Part of the impulse of an impact that friction takes from the load: its slope over force."""
-    load_side, s = _load_side(plant), math.copysign(1.0, v)
+    load_side = _load_side(plant)
+    s = math.copysign(1.0, v)
     others = abs(step.load_under(load_side, 0.0, t, y, v, s, 0.0))
     size = step.base_level(plant, y, s) + others
     force = side * (_HARD * size if size > 0.0 else 1.0)
@@ -825,7 +872,8 @@ def _move_one_mass(plant, drive, t, d, memory, side, scratch, events, count):
 def _move_two_masses(plant, drive, t, d, memory, scratch, events, count):
     """Move motor and load without contact over d; the motor's lead at the end."""
     _state_of_one(plant, memory, scratch)
-    start, rubs = scratch[step.X], _motor_has_friction(plant)
+    start = scratch[step.X]
+    rubs = _motor_has_friction(plant)
     felt = drive if rubs else step.held_force(0.0)
     _advance_one(_load_side(plant), felt, t, d, scratch, events, count)
     # Computed from differences, as the gap is small compared with the position.
@@ -845,7 +893,9 @@ def _stop(d, memory, scratch):
 @step.internal
 def _acceleration_bound(plant, drive, t, d, state):
     """Largest acceleration over d of one mass that the drive moves, and rate of its force."""
-    numbers, y, p = plant.numbers, state[step.X], state[step.V]
+    numbers = plant.numbers
+    y = state[step.X]
+    p = state[step.V]
     felt = max(abs(drive.start), abs(drive.start + drive.slope * d)) + abs(drive.fade)
     w = abs(step.load_under(plant, 0.0, t, y, p, math.copysign(1.0, p), state[step.REST])) + felt
     level = max(
@@ -880,15 +930,18 @@ def _first_touch(plant, drive, t, d, lead, most, known, memory, scratch, events,
     """Part of a flight in which motor and load first touch: both ends, and the leads there."""
     # `lead` is that after d, `most` the largest relative acceleration; `known`: listed switches.
     # Between them it looks no closer where the velocities change by less than noise hides.
-    half, finest, hidden = (
-        plant.numbers[step.HALF_GAP],
-        _FINEST_LOOK * d,
-        plant.numbers[step.ALLOWED],
-    )
-    a, start, length, looked = 0.0, -memory[step.OFFSET], d, d
-    b, end = d, lead
+    half = plant.numbers[step.HALF_GAP]
+    finest = _FINEST_LOOK * d
+    hidden = plant.numbers[step.ALLOWED]
+    a = 0.0
+    start = -memory[step.OFFSET]
+    length = d
+    looked = d
+    b = d
+    end = lead
     while a < d:
-        b, end = d, lead
+        b = d
+        end = lead
         if length < d - a:
             looked = b = a + length
             count[step.LISTED] = known
@@ -915,7 +968,9 @@ def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, c
     """First part of a motion in contact after which the contact pulls, and its force; or d."""
     # `end` is the contact force after d; `known`: listed switches.
     # It looks no closer where the pull changes velocities by less than noise hides.
-    finest, state, hidden = _FINEST_LOOK * d, step.spare_memory(), plant.numbers[step.ALLOWED]
+    finest = _FINEST_LOOK * d
+    state = step.spare_memory()
+    hidden = plant.numbers[step.ALLOWED]
     _state_of_one(plant, memory, state)
     start = _push(plant, drive, t, state, side)
     rate = _acceleration_bound(plant, drive, t, d, state)[1]
@@ -923,7 +978,8 @@ def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, c
     rate += step.drive_rate(drive)
     a, length, force, b, looked = 0.0, d, end, d, d
     while a < d:
-        b, force = d, end
+        b = d
+        force = end
         if length < d - a:
             looked = b = a + length
             count[step.LISTED] = known
@@ -935,7 +991,9 @@ def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, c
         if start + force < change and b - a > 1.01 * finest and seen:
             length = margin_step(b - a, start, rate, finest)
             continue
-        length, a, start = max(2.0 * (b - a), finest), b, force
+        length = max(2.0 * (b - a), finest)
+        a = b
+        start = force
     if looked != b:
         count[step.LISTED] = known
         force = _move_one_mass(plant, drive, t, b, memory, side, scratch, events, count)
@@ -975,7 +1033,9 @@ def _zero_time(
 def _move_joined(plant, drive, t, d, exact, free, memory, scratch, side, events, count):
     """Move motor and load in contact over at most d: how long, and the side of contact then."""
     # `free`: whether they may part; the motion ends where the load stops.
-    known, half, after = count[step.LISTED], plant.numbers[step.HALF_GAP], side
+    known = count[step.LISTED]
+    half = plant.numbers[step.HALF_GAP]
+    after = side
     end = _move_one_mass(plant, drive, t, d, memory, side, scratch, events, count)
     stop = _stop(d, memory, scratch)
     if stop < d and free:
@@ -985,7 +1045,8 @@ def _move_joined(plant, drive, t, d, exact, free, memory, scratch, side, events,
         d, end = _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, count)
     if end < 0.0 and free:
         _state_of_one(plant, memory, scratch)
-        start, after = _push(plant, drive, t, scratch, side), 0.0
+        start = _push(plant, drive, t, scratch, side)
+        after = 0.0
         d = _zero_time(
             plant, drive, t, 0.0, start, d, end, exact * d, memory, side, 0.0, known, scratch,
             events, count,
@@ -1001,7 +1062,8 @@ def _move_joined(plant, drive, t, d, exact, free, memory, scratch, side, events,
 @step.internal
 def _middle_of_flight(plant, drive, t, d, memory, after, scratch, events, count):
     """Time at which masses that part and meet again within d are apart, and their gap."""
-    known, c = count[step.LISTED], 0.5 * d
+    known = count[step.LISTED]
+    c = 0.5 * d
     for _ in range(30):
         count[step.LISTED] = known
         gap = _left(plant, drive, t, c, memory, 0.0, after, scratch, events, count)
@@ -1015,7 +1077,9 @@ def _middle_of_flight(plant, drive, t, d, memory, after, scratch, events, count)
 def _move_apart(plant, drive, t, d, shortest, exact, free, memory, scratch, events, count):
     """Move motor and load apart over at most d: how long, and the side on which they meet or 0."""
     # `free`: whether they may meet; the motion ends where the load stops.
-    known, half, rubs = count[step.LISTED], plant.numbers[step.HALF_GAP], _motor_has_friction(plant)
+    known = count[step.LISTED]
+    half = plant.numbers[step.HALF_GAP]
+    rubs = _motor_has_friction(plant)
     lead = _move_two_masses(plant, drive, t, d, memory, scratch, events, count)
     stop = _stop(d, memory, scratch)
     if stop < d and d > shortest:
@@ -1029,7 +1093,9 @@ def _move_apart(plant, drive, t, d, shortest, exact, free, memory, scratch, even
         )
         if abs(lead) > half:
             after = 1.0 if lead > 0.0 else -1.0
-            fa, fb, b = half - after * start, half - after * lead, d
+            fa = half - after * start
+            fb = half - after * lead
+            b = d
             if fa <= 0.0:
                 a, fa = _middle_of_flight(plant, drive, t, d, memory, after, scratch, events, count)
             if fa <= 0.0:
@@ -1059,7 +1125,8 @@ def _move_apart(plant, drive, t, d, shortest, exact, free, memory, scratch, even
 @step.internal
 def _relative_acceleration(plant, drive, t, d, memory):
     """Largest relative acceleration of motor and load, apart."""
-    state, rubs = step.spare_memory(), _motor_has_friction(plant)
+    state = step.spare_memory()
+    rubs = _motor_has_friction(plant)
     _state_of_one(plant, memory, state)
     felt = drive if rubs else step.held_force(0.0)
     most = _acceleration_bound(_load_side(plant), felt, t, d, state)[0]
@@ -1074,15 +1141,18 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
     """Move motor and load with a play between them, see `advance`."""
     # In contact they are one mass until the contact would have to pull.  Apart, the mass without
     # friction moves in closed form and the other one under its own forces, until they meet.
-    half, scratch = plant.numbers[step.HALF_GAP], step.spare_memory()
-    tau, side = 0.0, contact_side(plant, memory)
+    half = plant.numbers[step.HALF_GAP]
+    scratch = step.spare_memory()
+    tau = 0.0
+    side = contact_side(plant, memory)
     if side != 0.0:
         memory[step.OFFSET] = -side * half
         if memory[step.SLIP] != 0.0:
             _state_of_one(plant, memory, scratch)
             _plastic_impact(plant, t0, memory, scratch, side)
     seen, friction, first, side = _seen_play(plant, drive, t0, memory, side)
-    v, p = memory[step.V], memory[step.V] + memory[step.SLIP]
+    v = memory[step.V]
+    p = memory[step.V] + memory[step.SLIP]
     pace = abs(v) + abs(p) + plant.numbers[step.STICK_SPEED]
     exact = 1e-15 + _MEETING * plant.numbers[step.ALLOWED] / pace
     close = 0
@@ -1092,7 +1162,8 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
         # Bound the work and the number of listed switches.
         last_turn = turn == count[step.MOST] - 1
         free = not last_turn and close < step.MOST_CLOSE
-        now, piece = t0 + tau, _shift_drive(drive, tau)
+        now = t0 + tau
+        piece = _shift_drive(drive, tau)
         d = h - tau if last_turn else min(h - tau, plant.numbers[step.SHORT_TIME])
         if side != 0.0:
             d, after = _move_joined(
@@ -1140,7 +1211,8 @@ def _settle(plant, force, inertia, t, memory):
     carried = inertia if _motor_has_friction(plant) else force
     # A play is closed on the side of the drive, a spring carries the drive, and an elastic
     # contact carries the load up to the friction level.
-    kind, half = plant.integers[step.STRUCTURE], plant.numbers[step.HALF_GAP]
+    kind = plant.integers[step.STRUCTURE]
+    half = plant.numbers[step.HALF_GAP]
     memory[step.OFFSET] = 0.0
     memory[step.SLIP] = 0.0
     memory[step.DEFLECTION] = 0.0
@@ -1149,10 +1221,8 @@ def _settle(plant, force, inertia, t, memory):
     if kind & step.SPRING:
         memory[step.OFFSET] = -carried / plant.numbers[step.STIFFNESS]
     if kind & step.CONTACT:
-        y, v = (
-            memory[step.X] + (0.0 if _motor_has_friction(plant) else memory[step.OFFSET]),
-            memory[step.V],
-        )
+        y = memory[step.X] + (0.0 if _motor_has_friction(plant) else memory[step.OFFSET])
+        v = memory[step.V]
         w = step.load_under(plant, force, t, y, v, 0.0, memory[step.REST])
         slides = abs(v) > plant.numbers[step.STICK_SPEED]
         s = math.copysign(1.0, v if slides else w)
@@ -1165,12 +1235,15 @@ def _inner_task(
     task, numbers, integers, start, slope, fade, rate, t0, h, memory, events, count, seen
 ):
     """Perform a task of an axis with inner states; velocity of the motor, friction, mode."""
-    plant, drive = step.Plant(numbers, integers), step.Drive(start, slope, fade, rate)
+    plant = step.Plant(numbers, integers)
+    drive = step.Drive(start, slope, fade, rate)
     if task == step.SETTLE:
         _settle(plant, start, slope, t0, memory)
         return
     kind = integers[step.STRUCTURE]
-    play, two, rubs = kind & step.PLAY, kind & step.SPRING != 0, kind & step.MOTOR_RUBS != 0
+    play = kind & step.PLAY
+    two = kind & step.SPRING != 0
+    rubs = kind & step.MOTOR_RUBS != 0
     side = _load_side(plant) if two else plant
     if task == step.ADVANCE and play:
         v, friction, mode = _advance_play(plant, drive, t0, h, memory, events, count)
@@ -1179,9 +1252,13 @@ def _inner_task(
     elif play:
         v, friction, mode, _ = _seen_play(plant, drive, t0, memory, contact_side(plant, memory))
     else:
-        at, z, before = _masses(memory, two, rubs), memory[step.DEFLECTION], int(memory[step.MODE])
+        at = _masses(memory, two, rubs)
+        z = memory[step.DEFLECTION]
+        before = int(memory[step.MODE])
         found = _begin_inner(side, drive, t0, at, z, before, memory[step.REST])
-        v, friction, mode = found[1] if rubs else at.v, found[3], found[0]
+        v = found[1] if rubs else at.v
+        friction = found[3]
+        mode = found[0]
     seen[0], seen[1], seen[2] = v, friction, mode
 
 

@@ -45,7 +45,8 @@ def control_update(gains, memory, reference, y):
 @axis_step.internal
 def advance_plant(plant, k, dt, state, u, disturbance, y, events, count, out):
     """Sample k of a closed loop with the axis, into column k of `out`."""
-    t, force = k * dt, u + disturbance
+    t = k * dt
+    force = u + disturbance
     if k == 0:
         state[axis_step.MODE] = axis_step.outputs(plant, t, dt, state, force)[2]
     out[0, k], out[4, k], out[5, k] = axis_step.encoder_reading(plant, t, state), u, y
@@ -64,7 +65,8 @@ def run_loop(
     """
     plant = axis_step.point(numbers, integers)
     state = axis_step.pointer(memory)
-    control, past = axis_step.pointer(gains), axis_step.pointer(controller)
+    control = axis_step.pointer(gains)
+    past = axis_step.pointer(controller)
     n = reference.shape[0]
     events = np.empty(64 * room)
     count = axis_step.empty_tally(events)

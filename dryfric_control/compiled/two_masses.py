@@ -26,12 +26,16 @@ def friction_state(kind):
 def transition(plant, dt, mode):
     """How n states, and two random forces, move in one sample, shape (n + 2, n + 2)."""
     # The last two rows and columns: random forces on the free mass and on that with friction.
-    numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
-    stiffness, damping = numbers[step.STIFFNESS], numbers[step.DAMPING]
+    numbers = plant.numbers
+    kind = plant.integers[step.STRUCTURE]
+    stiffness = numbers[step.STIFFNESS]
+    damping = numbers[step.DAMPING]
     free = numbers[step.INVERSE_MOTOR]
     rubs = numbers[plant.integers[step.N_NUMBERS] + step.INVERSE_MASS]
-    contact, b = kind & step.CONTACT != 0, friction_state(kind)
-    n, a = 5 if contact else 4, 2 - b
+    contact = kind & step.CONTACT != 0
+    b = friction_state(kind)
+    n = 5 if contact else 4
+    a = 2 - b
     rates = np.zeros((n + 2, n + 2))
     rates[a, a + 1] = 1.0
     rates[a + 1, a], rates[a + 1, a + 1] = -stiffness * free, -damping * free
@@ -47,7 +51,8 @@ def transition(plant, dt, mode):
         rates[b + 1, 4] = holds * rubs
         rates[b + 1, b + 1] -= numbers[plant.integers[step.N_NUMBERS] + step.STICK_RATE]
     # exp(rates dt) by squaring.
-    moves, term = np.eye(n + 2), np.eye(n + 2)
+    moves = np.eye(n + 2)
+    term = np.eye(n + 2)
     rates *= dt / 2.0**_SQUARED
     for i in range(1, 6):
         term = term @ rates / i

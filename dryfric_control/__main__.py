@@ -236,7 +236,8 @@ _loads = _numbers("a number or such as elbow=0.1,wrist=0.02", float)
 def _machine_options() -> Iterator[tuple[Any, ...]]:
     """Numbers of the machine, by the fields of a scaling; None where an option is not given."""
     for item in fields(Scaling)[1:]:  # but the factors by channel
-        name, words = item.name.replace("_", "-"), item.metadata["doc"].replace("%", "%%")
+        name = item.name.replace("_", "-")
+        words = item.metadata["doc"].replace("%", "%%")
         kind, metavar = (None, None) if item.default is False else (float, "X")
         yield f"--{name}", kind, metavar, words, {"default": None}
 
@@ -372,18 +373,10 @@ def _diagnose(chosen: Namespace) -> None:
 
 
 def _joints(chosen: Namespace) -> int:
-    model = chosen.model and Path(chosen.model)
-    if model and model.suffix.lower() not in (".xml", ".urdf"):
-        raise ValueError(f"--model {model} must be an MJCF (.xml) or URDF (.urdf) file")
-    if chosen.axes is None and (not model or model.suffix.lower() != ".xml"):
-        raise ValueError("give --axes, or an MJCF file as --model, which has nominal axes")
+    model = _joints_model(chosen)
     scaling, sampling, knowledge = _read_options(chosen, chosen.axes)
-    axes = axes_of(model) if chosen.axes is None else read_axes(chosen.axes)
-    for name in chosen.joints or ():
-        if name not in axes:
-            raise ValueError(f"--joints {name} is not there{did_you_mean(name, axes)}")
-    some = {name: axes[name] for name in chosen.joints or axes}
-    cases, refused = _read_joints(chosen, some, scaling, sampling)
+    axes = _joint_axes(chosen, model)
+    cases, refused = _read_joints(chosen, axes, scaling, sampling)
     folder = output_folder(chosen.out)
     found = diagnose_joints(
         cases,
@@ -395,7 +388,7 @@ def _joints(chosen: Namespace) -> int:
     found.failed.update({name: str(problem) for name, problem in refused.items()})
     print(found.summary(), flush=True)
     write_file(folder / "joints.json", json.dumps(found.to_dict(), indent=1))
-    if model:
+    if model is not None:
         kind = _SIMULATORS[model.suffix.lower()]
         given = _given_options(chosen, "load", "stiff", "dialect") if kind == "mjcf" else {}
         put = getattr(simulators, f"to_{kind}")
@@ -410,11 +403,35 @@ def _joints(chosen: Namespace) -> int:
     return 1 if found.failed else 0
 
 
+def _joints_model(chosen: Namespace) -> Path | None:
+    """Path of the model of the machine, if there is one."""
+    model = Path(chosen.model) if chosen.model else None
+    suffix = "" if model is None else model.suffix.lower()
+    if model is not None and suffix not in (".xml", ".urdf"):
+        raise ValueError(f"--model {model} must be an MJCF (.xml) or URDF (.urdf) file")
+    if chosen.axes is None and suffix != ".xml":
+        raise ValueError("give --axes, or an MJCF file as --model, which has nominal axes")
+    return model
+
+
+def _joint_axes(chosen: Namespace, model: Path | None) -> dict[str, FrictionAxis]:
+    """Nominal axes of the joints that are to be diagnosed."""
+    if chosen.axes is None and model is not None:
+        axes = axes_of(model)
+    else:
+        axes = read_axes(chosen.axes)
+    for name in chosen.joints or ():
+        if name not in axes:
+            raise ValueError(f"--joints {name} is not there{did_you_mean(name, axes)}")
+    return {name: axes[name] for name in chosen.joints or axes}
+
+
 def _read_joints(
     chosen: Namespace, axes: Mapping[str, FrictionAxis], scaling: Scaling, sampling: dict[str, Any]
 ) -> tuple[dict[str, tuple[FrictionAxis, list[Record]]], dict[str, ValueError]]:
     """Axis and records of each joint, and what is wrong with those that cannot be read."""
-    cases, refused = {}, {}
+    cases = {}
+    refused = {}
     for name, axis in axes.items():
         options = {"gain": scaling, "joint": name, "name": name, **sampling}
         try:

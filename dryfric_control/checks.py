@@ -17,9 +17,11 @@ from dryfric_control.text import did_you_mean
 def warn(message: str, category: type[Warning] = UserWarning) -> None:
     """Warn at the line that called this package, however deep in it the reason is seen."""
     # From Python 3.12 on this is skip_file_prefixes of warnings.warn.
-    level, frame = 2, sys._getframe(1)
+    level = 2
+    frame = sys._getframe(1)
     while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] == __package__:
-        level, frame = level + 1, frame.f_back
+        level = level + 1
+        frame = frame.f_back
     warnings.warn(message, category, stacklevel=level)
 
 

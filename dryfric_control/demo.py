@@ -46,7 +46,8 @@ def emps_controller(dt: float) -> dfc.PositionController:
 
 def stick_slip() -> ct.ControlPlot:
     """Classic stick-slip: a mass pulled by a spring whose end moves slowly."""
-    spring, peak = dfc.effects.Spring(stiffness=2.0), dfc.Stribeck(excess=0.5, speed=0.05)
+    spring = dfc.effects.Spring(stiffness=2.0)
+    peak = dfc.Stribeck(excess=0.5, speed=0.05)
     axis = dfc.FrictionAxis(1.0, 0.0, dfc.CoulombMap.of(1.0), peak, 1e-3, effects=(spring,))
     axis = axis.replace(name="mass pulled by a spring")
     t = np.arange(40_001) * 1e-3
@@ -88,8 +89,10 @@ def fit_and_replay(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", dfc.FitWarning)  # its messages are in the summary
         fitted = dfc.fit(axis, training, free=_FREE)
-    before, after = dfc.replay(axis, held_out), dfc.replay(fitted.axis, held_out)
-    level, bias = fitted.parameters["coulomb"], fitted.parameters["bias_force.force"]
+    before = dfc.replay(axis, held_out)
+    after = dfc.replay(fitted.axis, held_out)
+    level = fitted.parameters["coulomb"]
+    bias = fitted.parameters["bias_force.force"]
     summary: dict[str, Any] = {
         "record": record.name,
         "trained_until_s": float(training.t[-1]),
@@ -159,8 +162,10 @@ def marked_friction(axis: dfc.FrictionAxis) -> ct.ControlPlot:
     drawn = axis.plot_friction()
     one = drawn.axes[0, 0]
     places = np.mean(axis.travel or (0.0, 0.0))
-    breakaway, level = axis.breakaway(places, 1), axis.coulomb(places, 1)
-    left, sigma = one.get_xlim()[0], axis.stick_speed
+    breakaway = axis.breakaway(places, 1)
+    level = axis.coulomb(places, 1)
+    left = one.get_xlim()[0]
+    sigma = axis.stick_speed
     for force, name in ((breakaway, r"$F_s$"), (level, r"$F_c$")):
         one.plot([left, 0.0], [force, force], ":", color="0.3", lw=1.0)
         one.text(0.96 * left, force, name, va="bottom", ha="left")
@@ -174,7 +179,8 @@ def marked_friction(axis: dfc.FrictionAxis) -> ct.ControlPlot:
 def over_crawl(levels: CoulombIdentification, ramp: SlowRamp) -> ct.ControlPlot:
     """Levels found over the crawl as recorded, and those of the simulated bench (Fig. 5)."""
     drawn = levels.plot(title="Coulomb level over the travel: crawl, levels found, truth")
-    one, record = drawn.axes[0, 0], ramp.record
+    one = drawn.axes[0, 0]
+    record = ramp.record
     some = slice(None, None, max(1, len(record) // 10_000))
     crawl = {"color": MEASURED, "lw": 0.8, "zorder": 0, "label": "crawl, measured"}
     one.plot(record.x[some], record.u[some], "--", **crawl)

@@ -112,7 +112,8 @@ def control_plot(axes: NDArray[Any]) -> PanelPlot:
     lines = np.empty((axes.size, 1), dtype=object)
     for i, one in enumerate(axes):
         lines[i, 0] = list(one.lines)
-        legend, unit = one.get_legend(), one.get_ylabel()
+        legend = one.get_legend()
+        unit = one.get_ylabel()
         names = [] if legend is None else legend.get_texts()
         for label in (one.yaxis.label, *names):
             label.set_text(rotary_words(label.get_text(), unit))
@@ -162,7 +163,8 @@ def panels(
 def shade_stuck(ax: Any, time: ArrayLike, mode: ArrayLike, label: str | None = "stuck") -> None:
     """Lay a light band behind the time at rest, mode 0."""
     look = {"color": STUCK_COLOUR, "linewidth": 0, "step": "post", "zorder": 0}
-    place, at_rest = ax.get_xaxis_transform(), np.asarray(mode) == 0
+    place = ax.get_xaxis_transform()
+    at_rest = np.asarray(mode) == 0
     ax.fill_between(np.asarray(time), 0.0, 1.0, where=at_rest, transform=place, label=label, **look)
 
 
@@ -228,7 +230,8 @@ def title_above(ax: Any, title: str) -> None:
     if _journal_width.get() is not None:
         return
     legend = ax.get_legend()
-    needed, rows = _LETTER * len(title), 1
+    needed = _LETTER * len(title)
+    rows = 1
     names = [] if legend is None else [text.get_text() for text in legend.get_texts()]
     if names:
         needed += sum(_HANDLE + _SMALL_LETTER * len(name) for name in names)
@@ -271,7 +274,8 @@ def journal(columns: int = 1, width: float | None = None) -> Iterator[None]:
     inches = _COLUMN if columns == 1 else _TWO_COLUMNS
     if width is not None:
         inches = positive("width", width, unit="in")
-    small, styles = _CAPTION - 1.0, dict(_JOURNAL)
+    small = _CAPTION - 1.0
+    styles = dict(_JOURNAL)
     styles |= {"figure.figsize": (inches, _SHAPE * inches), "legend.fontsize": small}
     styles |= {"xtick.labelsize": small, "ytick.labelsize": small}
     before = _journal_width.set(inches)

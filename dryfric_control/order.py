@@ -42,7 +42,8 @@ def check_drive_and_reading(
     """Refuse drive and reading if the equation of motion fits them far better exchanged."""
     if any(effect.slug == "input_gain" for effect in axis.effects):
         return  # a drive in any unit
-    given, exchanged = _misfit(axis, dt, u, y), _misfit(axis, dt, y, u)
+    given = _misfit(axis, dt, u, y)
+    exchanged = _misfit(axis, dt, y, u)
     if 2.0 * exchanged < given:  # not so where nothing moves: the misfit is no number
         raise ValueError(
             f"{names[0]} and {names[1]} look exchanged: as drive and position they contradict the "
@@ -56,7 +57,8 @@ def _misfit(axis: Any, dt: float, u: Floats, y: Floats) -> float:
     axis = axis.effective()
     n = max(1, min(u.size // 10, round(_SPAN / dt)))
     at = np.arange(n, u.size - n, 1 + u.size // _ENOUGH)
-    after, before = y[at + n], y[at - n]
+    after = y[at + n]
+    before = y[at - n]
     v = (after - before) / (2.0 * n * dt)
     inertia = axis.mass * (after - 2.0 * y[at] + before) / (n * dt) ** 2
     terms = np.array([u[at], -inertia, -axis.viscous * v, -axis.coulomb.mean * np.sign(v)])

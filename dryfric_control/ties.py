@@ -12,7 +12,7 @@ from dryfric_control.arrays import Bools
 NEAR = 1e-10
 
 
-def above(a: ArrayLike, b: ArrayLike, least: float = 0.0) -> Bools:
+def exceeds(a: ArrayLike, b: ArrayLike, least: float = 0.0) -> Bools:
     """Whether a > b + 1e-10 abs(b) + least: numbers exceed a limit by more than round-off."""
     return np.asarray(np.asarray(a) > np.asarray(b) + NEAR * np.abs(b) + least)
 
@@ -26,7 +26,8 @@ def stable_order(values: ArrayLike, least: float = 0.0) -> list[int]:
     for i in np.argsort(numbers, kind="stable").tolist():
         if numbers[i] > limit:
             found += sorted(equal)
-            equal, limit = [], numbers[i] + NEAR * abs(numbers[i]) + least
+            equal = []
+            limit = numbers[i] + NEAR * abs(numbers[i]) + least
         equal.append(i)
     return found + sorted(equal)
 

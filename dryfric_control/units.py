@@ -157,7 +157,8 @@ def axis_units(units: Any) -> tuple[str, str]:
     mend = 'give ("m", "N") or ("rad", "N m")'
     if not isinstance(units, (tuple, list)) or [type(unit) for unit in units] != [str, str]:
         raise ValueError(f'units must be of position and force, such as ("m", "N"), got {units!r}')
-    names, kinds = list(units), []
+    names = list(units)
+    kinds = []
     for k, (role, what) in enumerate((("x", "position"), ("u", "force"))):
         found = known_unit(units[k])
         kinds.append(found.kind if found else "")
@@ -206,7 +207,8 @@ def check_units(axis: Any, record: Any, name: str = "record") -> None:
 
 def same_unit(one: str, other: str) -> bool:
     """Whether two names mean one unit."""
-    a, b = known_unit(one), known_unit(other)
+    a = known_unit(one)
+    b = known_unit(other)
     if a is None or b is None:
         return one.strip() == other.strip()
     return (a.factor, a.si) == (b.factor, b.si)

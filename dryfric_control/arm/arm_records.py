@@ -227,7 +227,8 @@ def _with_coupling(
     """The records with the coupling of a model, and axes where none are given."""
     force, inertia = arm.forces(motion)
     means = inertia.mean(axis=0)
-    found, loaded = dict[str, FrictionAxis](), dict[str, Record]()
+    found = dict[str, FrictionAxis]()
+    loaded = dict[str, Record]()
     for j, (joint, record) in enumerate(records.items()):
         unit = arm.units[joint][1]
         refuse_other_robot(joint, record, force[:, j], unit)

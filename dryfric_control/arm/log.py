@@ -85,7 +85,8 @@ def _in_units(arm: RigidArm, joint: str, record: Record) -> Record:
                 f'scaling={{"{joint}": dfc.Scaling(...)}}'
             )
     low, high = arm.limits(joint)
-    least, most = float(record.x.min()), float(record.x.max())
+    least = float(record.x.min())
+    most = float(record.x.max())
     if least < low - _OVER or most > high + _OVER:
         far = max(abs(least), abs(most)) > _OTHER_UNIT * max(abs(low), abs(high))
         hint = 'is it in degrees (units={"x": "deg"})' if length == "rad" else "is it in mm"
@@ -135,7 +136,8 @@ def _same_stamps(one: Record, other: Record) -> bool:
 
 def _interpolate_record(record: Record, clock: Floats) -> Record:
     """A record at other instants of the same step."""
-    dt, t = record.dt, record.t
+    dt = record.dt
+    t = record.t
     edges = np.append(t, t[-1] + dt)
     impulse = np.concatenate(([0.0], np.cumsum(record.u) * dt))
     u = np.diff(np.interp(np.append(clock, clock[-1] + dt), edges, impulse)) / dt
@@ -148,7 +150,8 @@ def _interpolate_record(record: Record, clock: Floats) -> Record:
 
 def refuse_other_robot(joint: str, record: Record, needed: Floats, unit: str) -> None:
     """Refuse a log whose drive is far too weak for the motion of the model."""
-    most, force = float(np.abs(record.u).max()), float(np.quantile(np.abs(needed), 0.95))
+    most = float(np.abs(record.u).max())
+    force = float(np.quantile(np.abs(needed), 0.95))
     if force > _TOO_STRONG * most > 0.0:
         raise ValueError(
             f"joint {joint}: the model needs {force:.3g} {unit} for this motion, the log has at "

@@ -103,7 +103,8 @@ class Compact(NamedTuple):
         """Mass, place and second moments at an estimate of its parameters."""
         if self.place is None:
             return float(mean[0]), mean[1:4] / max(float(mean[0]), _LEAST), mean[4:]
-        mass, place = float(mean[0]), self.place + mean[1:4] * self.mass / max(mean[0], _LEAST)
+        mass = float(mean[0])
+        place = self.place + mean[1:4] * self.mass / max(mean[0], _LEAST)
         second = mass * second_moments(place)
         second[:3] += mean[4]
         return mass, place, second
@@ -205,7 +206,8 @@ def find_model_errors(records: ArmRecords) -> tuple[ModelError, ...]:
 def _search_errors(records: ArmRecords) -> tuple[ModelError, ...]:
     links = records.arm.links()
     rows = sliding_rows(records, links)
-    joints, payloads = records.arm.joints, {link.name: Compact() for link in links if link.last}
+    joints = records.arm.joints
+    payloads = {link.name: Compact() for link in links if link.last}
     for _ in range(_TURNS):
         regression = Regression(rows, groups_of(rows, links, joints, payloads))
         payloads, change = regression.update_payloads(payloads)
@@ -219,16 +221,19 @@ def _search_errors(records: ArmRecords) -> tuple[ModelError, ...]:
 def sliding_rows(records: ArmRecords, links: Sequence[Link]) -> Rows:
     """Rows of the regression of all joints."""
     arm = records.arm
-    parts, spreads = [], []
+    parts = []
+    spreads = []
     for j, (axis, record) in enumerate(records.values()):
         sliding = Sliding(record, smooth_drive=True)
         step = max(sliding.smoothing // 2, sliding.t.size // _MOST, 1)
         pick = np.searchsorted(record.t, sliding.t)[::step]
-        u, direction = sliding.u[::step], sliding.direction[::step].astype(float)
+        u = sliding.u[::step]
+        direction = sliding.direction[::step].astype(float)
         motion = Motion(*(one[pick] for one in records.motion))
         force, _ = arm.forces(motion)
         regressor = arm.regression_matrix(motion, links)[:, j]
-        v, a = motion.v[:, j], motion.a[:, j]
+        v = motion.v[:, j]
+        a = motion.a[:, j]
         level = axis.coulomb.mean
         fast = float(np.quantile(np.abs(v), 0.9)) if v.size else 1.0
         peaks = [direction * np.exp(-((v / (part * fast)) ** 2)) for part in _PEAKS]
@@ -247,7 +252,8 @@ def sliding_rows(records: ArmRecords, links: Sequence[Link]) -> Rows:
     row = column = 0
     for part in parts:
         own[row : row + part[0].size, column : column + part[2].shape[1]] = part[2]
-        row, column = row + part[0].size, column + part[2].shape[1]
+        row = row + part[0].size
+        column = column + part[2].shape[1]
     y, joint, regressor, force = (np.concatenate([part[i] for part in parts]) for i in (0, 1, 3, 4))
     return Rows(y, joint, own, np.array(spreads), regressor, force)
 
@@ -312,7 +318,8 @@ class Regression:
 
     def _settle(self, some: Sequence[int]) -> None:
         """Noise of each joint, and weights of Student's distribution, with some of the groups."""
-        noise, weight = np.ones(self.rows.y.size), np.ones(self.rows.y.size)
+        noise = np.ones(self.rows.y.size)
+        weight = np.ones(self.rows.y.size)
         for _ in range(_ROUNDS):
             pick = self._pick(some)
             found = np.linalg.solve(self._information(pick), self._right[pick])
@@ -341,7 +348,9 @@ class Regression:
     def evidence(self, some: Iterable[int]) -> float:
         """Logarithm of the probability of the rows, up to a constant."""
         pick = self._pick(some)
-        normal, right, precision = self._information(pick), self._right[pick], self._precision[pick]
+        normal = self._information(pick)
+        right = self._right[pick]
+        precision = self._precision[pick]
         fit = float(right @ np.linalg.solve(normal, right))
         volume = float(np.linalg.slogdet(normal)[1] - np.log(precision[precision > 0.0]).sum())
         return 0.5 * (fit - volume)
@@ -365,13 +374,16 @@ class Regression:
             for i in list(chosen):
                 without = [k for k in chosen if k != i]
                 if i != chosen[-1] and now - self.evidence(without) < LEAST_GAIN:
-                    chosen, now = without, self.evidence(without)
+                    chosen = without
+                    now = self.evidence(without)
         return chosen
 
     def update_payloads(self, before: Mapping[str, Compact]) -> tuple[dict[str, Compact], float]:
         """Payloads beside masses of links, and the change of their places [m]."""
         some = [i for i, group in enumerate(self.groups) if group.kind in ("masses", "payload")]
-        solved, found, change = self.solve_groups(some), dict[str, Compact](), 0.0
+        solved = self.solve_groups(some)
+        found = dict[str, Compact]()
+        change = 0.0
         for i in some:
             group = self.groups[i]
             if group.payload is None:
@@ -395,7 +407,9 @@ class Regression:
         """Estimates of the chosen groups."""
         pick = self._pick(chosen)
         covariance = np.asarray(np.linalg.inv(self._information(pick)), dtype=float)
-        mean, at, found = covariance @ self._right[pick], self.rows.own.shape[1], {}
+        mean = covariance @ self._right[pick]
+        at = self.rows.own.shape[1]
+        found = {}
         for i in chosen:
             part = slice(at, at + self.groups[i].spread.size)
             found[i] = Solved(mean[part], covariance[part, part])
@@ -404,7 +418,8 @@ class Regression:
 
     def errors(self, chosen: Sequence[int]) -> Iterator[ModelError]:
         """The chosen groups as errors of the model; the drive of a joint is none."""
-        now, solved = self.evidence(chosen), self.solve_groups(chosen)
+        now = self.evidence(chosen)
+        solved = self.solve_groups(chosen)
         for i in chosen:
             group, (mean, covariance) = self.groups[i], solved[i]
             if group.kind == "drive":
@@ -415,7 +430,8 @@ class Regression:
                 if k not in chosen and not {one.kind, group.kind} == {"mass", "masses"}
                 and now - self.evidence([*without, k]) < _ALIKE
             )  # fmt: skip
-            gain, unsure = now - self.evidence(without), np.sqrt(np.diag(covariance))
+            gain = now - self.evidence(without)
+            unsure = np.sqrt(np.diag(covariance))
             yield from _errors(group, mean, unsure, gain, others)
 
 
@@ -424,7 +440,8 @@ def _errors(
 ) -> Iterator[ModelError]:
     """Errors of a group: one, or one of each link whose mass is surely another."""
     if group.kind == "centre":
-        place, by = tuple(mean.tolist()), tuple(unsure.tolist())
+        place = tuple(mean.tolist())
+        by = tuple(unsure.tolist())
         yield ModelError("centre", group.of, 1.0, 0.0, place, by, (), gain, others)
     elif group.payload is not None:
         mass, centre, second = group.payload.body_parameters(mean)

@@ -65,13 +65,16 @@ def joint_figure(found: ArmDiagnoses, joint: str) -> str:
 
 def draw_joint(found: ArmDiagnoses, joint: str, left: Any, right: Any) -> None:
     """Draw friction over velocity, and the drive as measured and as two models need it."""
-    nominal, corrected = found.nominal[joint], found.corrected[joint]
-    axis, record = found[joint].extended, corrected[1]
+    nominal = found.nominal[joint]
+    corrected = found.corrected[joint]
+    axis = found[joint].extended
+    record = corrected[1]
     length, force = axis.units
     sliding = Sliding(record, _SHOWN)
     bare = axis.replace(coulomb=0.0, viscous=0.0, stribeck=None, effects=())
     left.plot(sliding.v, -sliding.force_residual(bare), ".", color=MEASURED, ms=2, label="measured")
-    fast, span = float(np.abs(sliding.v).max()), (float(record.x.min()), float(record.x.max()))
+    fast = float(np.abs(sliding.v).max())
+    span = (float(record.x.min()), float(record.x.max()))
     plain = axis.replace(effects=())
     draw_curve(nominal[0], left, fast, span, "nominal", color="C0", ls="--", lw=1.0)
     draw_curve(plain, left, fast, span, "with the causes", color="k", lw=1.2)

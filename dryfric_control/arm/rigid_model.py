@@ -157,8 +157,11 @@ class RigidArm:
 
     def forces(self, motion: Motion) -> tuple[Floats, Floats]:
         """Force of each joint along a motion, and inertia about it, each shape (n, njoints)."""
-        mujoco, n, count = _import_mujoco(), len(motion.q), len(self.joints)
-        force, inertia = np.empty((n, count)), np.empty((n, count))
+        mujoco = _import_mujoco()
+        n = len(motion.q)
+        count = len(self.joints)
+        force = np.empty((n, count))
+        inertia = np.empty((n, count))
         answer = np.empty(self.model.nv)
         for k, ways in self._set_positions(motion):
             mujoco.mj_inverse(self.model, self._data)
@@ -170,12 +173,17 @@ class RigidArm:
 
     def regression_matrix(self, motion: Motion, links: Sequence[Link]) -> Floats:
         """Forces of the joints per inertial parameter, shape (n, njoints, nlinks, 10)."""
-        mujoco, n, model, data = _import_mujoco(), len(motion.q), self.model, self._data
-        kind, bodies = mujoco.mjtObj.mjOBJ_XBODY, [link.bodies[0] for link in links]
+        mujoco = _import_mujoco()
+        n = len(motion.q)
+        model = self.model
+        data = self._data
+        kind = mujoco.mjtObj.mjOBJ_XBODY
+        bodies = [link.bodies[0] for link in links]
         # Of each link, in its own frame: velocity, acceleration less gravity, and Jacobian.
         velocity, acceleration = np.empty((2, n, len(links), 6))
         jacobian = np.empty((n, len(links), 2, 3, model.nv))
-        turns, ways = np.empty((n, len(links), 9)), np.empty((n, len(self.joints), model.nv))
+        turns = np.empty((n, len(links), 9))
+        ways = np.empty((n, len(self.joints), model.nv))
         for k, now in self._set_positions(motion):
             ways[k] = now
             mujoco.mj_inverse(model, data)
@@ -192,7 +200,8 @@ class RigidArm:
 
     def links(self) -> list[Link]:
         """Links that joints move, in the order of the model."""
-        model, members = self.model, dict[int, list[int]]()
+        model = self.model
+        members = dict[int, list[int]]()
         for body in range(1, model.nbody):
             first = int(model.body_weldid[body])
             if first:
@@ -221,7 +230,10 @@ class RigidArm:
 
     def _change_link(self, link: Link, error: Change) -> None:
         """Scale the mass of a link, shift its centre of mass, or add a payload to it."""
-        model, first, kind, value = self.model, link.bodies[0], error.kind, error.value
+        model = self.model
+        first = link.bodies[0]
+        kind = error.kind
+        value = error.value
         if kind == "payload":
             second = _symmetric(error.moments)
             add_payload(model, first, Payload(value, np.array(error.place), second))
@@ -239,7 +251,8 @@ class RigidArm:
 
     def _set_positions(self, motion: Motion) -> Iterator[tuple[int, Floats]]:
         """Put the model to each sample; the ways of all degrees of freedom per joint, (nj, nv)."""
-        model, data = self.model, self._data
+        model = self.model
+        data = self._data
         places, dofs = (one[self._joints] for one in (model.jnt_qposadr, model.jnt_dofadr))
         ways = np.zeros((len(self.joints), model.nv))
         ways[np.arange(len(self.joints)), dofs] = 1.0
@@ -255,14 +268,17 @@ class RigidArm:
 
     def _move_follower(self, one: Follower, ways: Floats) -> None:
         """Move a joint along with its leader."""
-        model, data = self.model, self._data
+        model = self.model
+        data = self._data
         numbers = (one.follower, one.leader)
         places, dofs = ([int(a[i]) for i in numbers] for a in (model.jnt_qposadr, model.jnt_dofadr))
         far = data.qpos[places[1]] - model.qpos0[places[1]]
         c = one.coefficients[::-1]
-        slope, bend = np.polyval(np.polyder(c), far), np.polyval(np.polyder(c, 2), far)
+        slope = np.polyval(np.polyder(c), far)
+        bend = np.polyval(np.polyder(c, 2), far)
         data.qpos[places[0]] = model.qpos0[places[0]] + np.polyval(c, far)
-        v, a = data.qvel[dofs[1]], data.qacc[dofs[1]]
+        v = data.qvel[dofs[1]]
+        a = data.qacc[dofs[1]]
         data.qvel[dofs[0]], data.qacc[dofs[0]] = slope * v, slope * a + bend * v * v
         ways[:, dofs[0]] = slope * ways[:, dofs[1]]
 
@@ -349,7 +365,8 @@ def _refuse_others(names: Sequence[str], kinds: Sequence[str]) -> None:
 
 def _find_followers(model: Any, names: Sequence[str]) -> list[Follower]:
     """Joints that couplings of the model move; what closes a chain is refused."""
-    mujoco, found = _import_mujoco(), []
+    mujoco = _import_mujoco()
+    found = []
     for i in range(model.neq):
         if not bool(np.ravel(model.eq_active0)[i]):
             continue
@@ -361,7 +378,8 @@ def _find_followers(model: Any, names: Sequence[str]) -> list[Follower]:
                 "forces do not follow from the motion alone. Cut it: take the constraint out and "
                 "keep the joints of one branch, the bodies of the other as masses of that branch"
             )
-        first, second = int(model.eq_obj1id[i]), int(model.eq_obj2id[i])
+        first = int(model.eq_obj1id[i])
+        second = int(model.eq_obj2id[i])
         if second < 0:
             raise ValueError(
                 f"joint {names[first]} is locked by an equality: take it out, and give "
@@ -428,7 +446,8 @@ def add_payload(model: Any, body: int, load: Payload) -> None:
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, model.body_iquat[body])
     axes = turn.reshape(3, 3)
-    own, centre = float(model.body_mass[body]), np.array(model.body_ipos[body])
+    own = float(model.body_mass[body])
+    centre = np.array(model.body_ipos[body])
     total = own + load.mass
     new = (own * centre + load.mass * load.place) / total
     second = axes @ np.diag(model.body_inertia[body]) @ axes.T + own * _point_inertia(centre)
@@ -475,8 +494,10 @@ def _wrench_regressor(turning: Floats, acceleration: Floats) -> Floats:
         force   m a + (spin x + w x w x) h,      a the acceleration of the origin less gravity
         moment  h x a + I spin + w x I w,        h the first moments, I the second ones
     """
-    spin, push = acceleration[..., :3], acceleration[..., 3:]
-    rate, change = _cross_matrix(turning), _cross_matrix(spin)
+    spin = acceleration[..., :3]
+    push = acceleration[..., 3:]
+    rate = _cross_matrix(turning)
+    change = _cross_matrix(spin)
     found = np.zeros((*turning.shape[:-1], 2, 3, N_INERTIAL))
     found[..., 0, :, 0] = push
     found[..., 0, :, 1:4] = change + rate @ rate
@@ -491,6 +512,9 @@ def _wrench_regressor(turning: Floats, acceleration: Floats) -> Floats:
 
 def _cross_matrix(a: Floats) -> Floats:
     """Matrix of the product with a vector from the left, shape (..., 3, 3)."""
-    x, y, z, zero = a[..., 0], a[..., 1], a[..., 2], np.zeros(a.shape[:-1])
+    x = a[..., 0]
+    y = a[..., 1]
+    z = a[..., 2]
+    zero = np.zeros(a.shape[:-1])
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -184,7 +184,8 @@ def loop_matrices(
         y = state[0] + noise
         after[4] = c[kernel.KEEP] * state[4] + (1.0 - c[kernel.KEEP]) * (y - state[5]) / dt
         after[5] = y
-        speed, u = after[4], -c[kernel.KP] * y
+        speed = after[4]
+        u = -c[kernel.KP] * y
         if c[kernel.KI] > 0.0 and not bounded:
             after[3] = state[3] - c[kernel.KI] * dt * y
             u += state[3]
@@ -192,7 +193,7 @@ def loop_matrices(
             memory = np.zeros(kernel.LINE)
             memory[kernel.INNER : kernel.INNER + 5] = state[6:11]
             if bounded:
-                kernel.extended(c, memory, y)
+                kernel.update_extended_state(c, memory, y)
             else:
                 u += c[kernel.RESIDUAL] * kernel.disturbance(c, memory, y)
             if c[kernel.SOURCE] == kernel.EXTENDED:
@@ -242,10 +243,12 @@ def loop_responses(
     # One sample after the other, a block of samples at a time.
     block = math.isqrt(n) + 1
     shown = np.eye(A.shape[0])[[0, 1, DRIVE]]
-    rows, power = np.empty((block, *shown.shape)), np.eye(A.shape[0])
+    rows = np.empty((block, *shown.shape))
+    power = np.eye(A.shape[0])
     for k in range(block):
         rows[k], power = shown @ power, A @ power
-    blocks, state = np.empty((block, block, 3, 2)), B
+    blocks = np.empty((block, block, 3, 2))
+    state = B
     for k in range(block):
         blocks[k], state = rows @ state, power @ state
     return radius, blocks.reshape(-1, 3, 2)
@@ -278,11 +281,13 @@ def delay_margin(comp: Compensation, slopes: LawSlopes) -> float:
 
     if not stable(0.0):
         return 0.0
-    below, above = 0.0, comp.dt
+    below = 0.0
+    above = comp.dt
     while stable(above):
         if above >= most:
             return most
-        below, above = above, min(2.0 * above, most)
+        below = above
+        above = min(2.0 * above, most)
     # A loop may be stable again at longer delays: the shortest unstable one counts.
     for delay in np.linspace(0.0, above, 17)[1:-1]:
         if not stable(delay):
@@ -331,13 +336,16 @@ def _mismatch_corners(
     comp: Compensation, mu: float, bounded: bool, reference: MotionProfile | None, held: float
 ) -> Iterator[_Corner]:
     """Loops at the corners of the mismatch; `held`: force that the drive holds from the start."""
-    axis, dt = comp.rigid_axis, comp.dt
+    axis = comp.rigid_axis
+    dt = comp.dt
     for m, f, d in itertools.product(
         sorted({1.0 - mu, 1.0, 1.0 + mu}),
         sorted({1.0 - mu, 1.0 + mu}),
         sorted({0.0, 0.5 * comp.input_delay, comp.input_delay}),
     ):
-        mass, viscous, delay = axis.mass * m, axis.viscous * f, comp.drive_delay + d
+        mass = axis.mass * m
+        viscous = axis.viscous * f
+        delay = comp.drive_delay + d
         radius, responses = loop_responses(comp, mass, viscous, delay)
         gains = loop_gains(radius, responses)
         if radius >= 1.0:
@@ -393,7 +401,9 @@ def certify_tracking(
 ) -> TrackingCertificate:
     """Compute the tracking tube and check the conditions of rest."""
     # The theory page has the bounds, `sliding` (D) and `largest` (W) here.
-    axis, mu, c = comp.rigid_axis, mismatch, comp.numbers
+    axis = comp.rigid_axis
+    mu = mismatch
+    c = comp.numbers
     bounded = c[kernel.HOLDS] != 0.0
     held = 0.0 if reference is None else _force_at_start(comp, reference, mu)
     corners = list(_mismatch_corners(comp, mu, bounded, reference, held))
@@ -401,13 +411,16 @@ def certify_tracking(
         0.0 if reference is None else np.abs(_feedforward_forces(axis, reference)).sum(axis=0).max()
     )
     places, guessed = _places(comp, reference)
-    loop, laws = _Loop({}, 0.0, 0.0, 0.0, 0.0, 0.0), laws_of(axis, places)
+    loop = _Loop({}, 0.0, 0.0, 0.0, 0.0, 0.0)
+    laws = laws_of(axis, places)
     slope = needed = 0.0
     settled = False
     # The laws are read as far as the error takes their arguments: bounds that are no more than
     # those for which the laws were read hold, as the error grows from nothing without a jump.
     for _ in range(_REPEATS):
-        wide, asked, pushed = _widen_bounds(loop), _MARGIN * needed, _MARGIN * laws.force
+        wide = _widen_bounds(loop)
+        asked = _MARGIN * needed
+        pushed = _MARGIN * laws.force
         reach = places._replace(
             low=places.low - wide.tube, high=places.high + wide.tube,
             speed=_peak_speed(reference) + wide.speed, load=asked + pushed,
@@ -601,7 +614,8 @@ def _missing(
     comp: Compensation, reference: MotionProfile, mass: float, viscous: float, delay: float
 ) -> Floats:
     """What lacks of inertia and viscous friction over each sample [N], shape (n,)."""
-    dt, fed = comp.dt, _feedforward_forces(comp.rigid_axis, reference).sum(axis=0)
+    dt = comp.dt
+    fed = _feedforward_forces(comp.rigid_axis, reference).sum(axis=0)
     whole = int(delay / dt + 1e-9)
     part = delay / dt - whole
     drive = (1.0 - part) * _delay_samples(comp, fed, whole) + part * _delay_samples(
@@ -648,7 +662,8 @@ def _delay_samples(comp: Compensation, ahead: Floats, back: int) -> Floats:
 
 def _peak_speed_unfed(comp: Compensation, reference: MotionProfile) -> float:
     """Largest velocity of the reference whose friction is not fed forward at the axis yet."""
-    dt, v = comp.dt, reference.velocity
+    dt = comp.dt
+    v = reference.velocity
     way = np.sign(v) * (np.abs(v) > comp.numbers[kernel.REST_SPEED])
     latest = math.ceil((comp.drive_delay + comp.input_delay + _LAGS * comp.drive_lag) / dt) + 1
     unfed = np.zeros(v.size, dtype=bool)
@@ -664,7 +679,8 @@ def _places(comp: Compensation, reference: MotionProfile | None) -> tuple[Reach,
     if reference is None:
         return Reach(*(travel or ANYWHERE)), travel is None
     beside = 0.1 * float(np.ptp(reference.position)) or comp.tolerance
-    low, high = float(reference.position.min()), float(reference.position.max())
+    low = float(reference.position.min())
+    high = float(reference.position.max())
     return Reach(low - beside, high + beside, time=reference.duration), False
 
 
@@ -679,7 +695,8 @@ def _conditions(
 ) -> tuple[Condition, ...]:
     """Conditions under which an axis at rest stays at rest for ever."""
     length, force = comp.rigid_axis.units
-    c, distance = comp.numbers, _BESIDE * comp.tolerance
+    c = comp.numbers
+    distance = _BESIDE * comp.tolerance
     holds = c[kernel.HOLDS] != 0.0
     rest = at_rest(comp.rigid_axis, places, c[kernel.HOLD_SHARE] / (1.0 - mu), distance)
     held = c[kernel.HOLD_SHARE] * rest.held if holds else math.inf

@@ -144,7 +144,8 @@ def _levels(axis: FrictionAxis, reach: Reach, s: int) -> Iterator[Interval]:
     # In the order, and with the levels, of `axis_step`.
     base = _map(axis, reach, s)
     yield base
-    own, box = base, _box(axis, reach, float(s))
+    own = base
+    box = _box(axis, reach, float(s))
     effects = sorted(
         _effects_on(axis, "friction"),
         key=lambda e: (not e.within_peak, e.by_drive, not e.depends_on_direction),
@@ -165,7 +166,8 @@ def _places(reach: Reach) -> Floats:
 def _over_travel(law: Interval) -> Interval:
     """The law with an element for each part of the travel."""
     shape = (_PARTS,)
-    low, high = np.broadcast_to(law.low, shape), np.broadcast_to(law.high, shape)
+    low = np.broadcast_to(law.low, shape)
+    high = np.broadcast_to(law.high, shape)
     slopes = law.slopes if law.slopes.ndim == 2 else law.slopes[:, None]
     return Interval(low, high, np.broadcast_to(slopes, (len(ARGUMENTS), *shape)))
 
@@ -198,7 +200,8 @@ def _map(axis: FrictionAxis, reach: Reach, s: int) -> Interval:
     coefficients = axis.coulomb.plus if s > 0 else axis.coulomb.minus
     low, high = axis.travel or (-math.inf, math.inf)
     places = np.clip(_places(reach), low, high)
-    middle, half = 0.5 * (places[1:] + places[:-1]), 0.5 * (places[1:] - places[:-1])
+    middle = 0.5 * (places[1:] + places[:-1])
+    half = 0.5 * (places[1:] - places[:-1])
     level = np.polynomial.Polynomial(coefficients)
     # Taylor's polynomial about the middle of each part: value and slope at most so far off.
     derivatives = [level.deriv(k)(middle) if k else level(middle) for k in range(len(coefficients))]
@@ -251,7 +254,8 @@ def at_rest(axis: FrictionAxis, reach: Reach, share: float, distance: float) -> 
 def _lesser_level(axis: FrictionAxis, reach: Reach) -> Interval:
     """Lesser level of both directions."""
     one, other = (_over_travel(_sum(levels)) for levels in laws_of(axis, reach).levels.values())
-    low, high = np.minimum(one.low, other.low), np.minimum(one.high, other.high)
+    low = np.minimum(one.low, other.low)
+    high = np.minimum(one.high, other.high)
     return Interval(low, high, np.maximum(one.slopes, other.slopes))
 
 

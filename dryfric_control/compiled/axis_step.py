@@ -52,7 +52,13 @@ from numba import cfunc, njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from dryfric_control.compiled.roots import between, larger, narrowed, shorter, smaller
+from dryfric_control.compiled.roots import (
+    illinois_bracket,
+    larger_step,
+    margin_step,
+    secant_point,
+    smaller_step,
+)
 
 #: Scalar law of an effect: f(t, x, v, u, level, direction, rest, parameters).
 LAW = types.float64(
@@ -227,7 +233,7 @@ def internal(function=None, **options):
 
 @intrinsic
 def pointer(typingctx, array):
-    """Address of the first element; the caller keeps the array alive, see `keep`."""
+    """Address of the first element; the caller keeps the array alive, see `keep_alive`."""
     signature = types.CPointer(array.dtype)(array)
 
     def codegen(context, builder, signature, args):
@@ -237,7 +243,7 @@ def pointer(typingctx, array):
 
 
 @intrinsic
-def keep(typingctx, array):
+def keep_alive(typingctx, array):
     """Keep an array alive up to here.
 
     A local array is freed after the last line that names it, whatever points to its memory.
@@ -268,7 +274,7 @@ def _call(typingctx, address, t, x, v, u, level, direction, rest, numbers, offse
 
 
 @intrinsic
-def further(typingctx, numbers, count):
+def offset_address(typingctx, numbers, count):
     """Address of the number `count` positions further on."""
     signature = numbers(numbers, types.int64)
 
@@ -401,7 +407,7 @@ def base_level(plant, x, s):
 
 
 @internal(forceinline=True)
-def _carried(plant, t, x, v, w, s, rest):
+def _transmission_load(plant, t, x, v, w, s, rest):
     """Load of the transmission, given the net force: drive minus force effects."""
     # A drive that holds a weight is loaded by both.  The part of a force effect that depends
     # on the drive counts as drive.
@@ -413,7 +419,7 @@ def _carried(plant, t, x, v, w, s, rest):
 @internal(forceinline=True)
 def _levels(plant, t, x, v, w, base, s, rest):
     """Level that the Stribeck peak raises, before the peak, and that of other contacts."""
-    carried = _carried(plant, t, x, v, w, s, rest)
+    carried = _transmission_load(plant, t, x, v, w, s, rest)
     first = plant.integers[N_INPUT] + plant.integers[N_FORCE]
     peaked, last = first + plant.integers[N_PEAKED], first + plant.integers[N_LEVEL]
     driven = last - plant.integers[N_DRIVEN]
@@ -686,13 +692,15 @@ def _crossing(a, rate, b, last_rate):
     sign = 1.0 if a > 0.0 else -1.0
     low, flow, high, fhigh, side = 0.0, sign * a, 1.0, sign * b, 0
     for _ in range(_ROOT_TURNS):
-        c = between(low, flow, high, fhigh)
+        c = secant_point(low, flow, high, fhigh)
         if c == high or high - low < _SAME_END * 1e-3:
             break
         left = 1.0 - c
         value = a * left * left * (1.0 + 2.0 * c) + b * c * c * (3.0 - 2.0 * c)
         value += c * left * (rate * left - last_rate * c)
-        low, flow, high, fhigh, side = narrowed(low, flow, high, fhigh, side, c, sign * value)
+        low, flow, high, fhigh, side = illinois_bracket(
+            low, flow, high, fhigh, side, c, sign * value
+        )
     return high
 
 
@@ -709,8 +717,8 @@ def kink_step(plant, t, x, v, w, x1, v1, w1, s, rest, d):
                 cut = min(cut, part * d)
     # What depends on the load does on its magnitude.
     if i[N_CARRIED] > 0:
-        start = _carried(plant, t, x, v, w, s, rest)
-        end = _carried(plant, t + d, x1, v1, w1, s, rest)
+        start = _transmission_load(plant, t, x, v, w, s, rest)
+        end = _transmission_load(plant, t + d, x1, v1, w1, s, rest)
         turn = start / (start - end) if start * end < 0.0 else 0.0
         if _SAME_END_OF_SECANT < turn < 1.0 - _SAME_END_OF_SECANT:
             cut = min(cut, turn * d)
@@ -755,12 +763,12 @@ def _cut(plant, drive, t0, tau, x, v, s, k1, d, kind, upper):
     if fa <= 0.0:
         return 0.0
     for _ in range(100):
-        c = between(a, fa, b, fb)
+        c = secant_point(a, fa, b, fb)
         if b - a <= 1e-15 * d or fb == 0.0 or c == b:
             break
         xc, vc, _, _, _, _ = slide(plant, drive, t0, tau, x, v, s, k1, c)
         fc = _surface(plant, drive, t0, tau + c, xc, vc, s, kind)
-        a, fa, b, fb, side = narrowed(a, fa, b, fb, side, c, fc)
+        a, fa, b, fb, side = illinois_bracket(a, fa, b, fb, side, c, fc)
     return b
 
 
@@ -894,7 +902,7 @@ def at_zero(plant, t, x, w, mode):
 
 
 @njit(cache=True, error_model="numpy")
-def tally(events, most=MAX_SWITCHES):
+def empty_tally(events, most=MAX_SWITCHES):
     """Tally of an empty list of switches."""
     count = np.zeros(4, np.int64)
     count[HELD] = events.shape[0] // 3
@@ -916,7 +924,7 @@ def record(events, count, t, before, after, nth=0):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def crowded(tau, last, h, close, pause):
+def switching_pause(tau, last, h, close, pause):
     """Count of successive close switches, length of the next pause, and when switching resumes."""
     close = close + 1 if tau - last < CLOSE * h else 0
     if close < MOST_CLOSE:
@@ -925,7 +933,7 @@ def crowded(tau, last, h, close, pause):
 
 
 @internal(forceinline=True)
-def _varies(plant, drive):
+def _breakaway_can_vary(plant, drive):
     """Whether load or level can change while the axis is at rest."""
     i = plant.integers
     return (
@@ -946,11 +954,11 @@ def _kinked(plant, drive, t0, tau, x, v, x1, v1, s, d):
 
 
 @internal(forceinline=True)
-def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
+def _try_one_step(plant, drive, t0, h, x, v, mode, rest, k1):
     """Try the interval in one step: whether no switch is near, the new state, a length to try."""
     if mode == 0:
         x1, v1 = _decay(plant, x, v, h)
-        if _varies(plant, drive):
+        if _breakaway_can_vary(plant, drive):
             start, _ = hold_excess(plant, drive, t0, 0.0, x, v, rest)
             end, _ = hold_excess(plant, drive, t0, h, x1, v1, rest + h)
             if end > 0.0:
@@ -969,7 +977,7 @@ def _calm(plant, drive, t0, h, x, v, mode, rest, k1):
         lowest = min(lowest, s * (v + 0.5 * part * h * k1))
     error = step_error(plant, drive, k1, k2, k3, k4, placed, x1 - x, h, allowed)
     error += peak_error(plant, x, v, v1, s, k1, k4, h)
-    length = min(refined(plant, x1 - x, error, allowed, h), peak_step(plant, v, v1, s, h))
+    length = min(accurate_step(plant, x1 - x, error, allowed, h), peak_step(plant, v, v1, s, h))
     if length == h and has_kinks(plant):
         length = _kinked(plant, drive, t0, 0.0, x, v, x1, v1, s, h)
     calm = lowest > sigma and h <= plant.numbers[SHORT_TIME] and length == h
@@ -1028,7 +1036,7 @@ def _release(plant, drive, t0, tau, x, v, rest, d):
         end, s = _hold_later(plant, drive, t0, tau, x, v, rest, b)
         sure = end <= 0.0 and start + end <= -rate * (b - a)
         if not sure and b - a > 1.01 * finest:
-            length = shorter(b - a, -start, rate, finest)
+            length = margin_step(b - a, -start, rate, finest)
             continue
         if not sure and end <= 0.0:
             peak, high, side = _peak_between(plant, drive, t0, tau, x, v, rest, a, b, start, end)
@@ -1042,17 +1050,17 @@ def _release(plant, drive, t0, tau, x, v, rest, d):
 
 
 @internal(forceinline=True)
-def refined(plant, way, error, allowed, d):
+def accurate_step(plant, way, error, allowed, d):
     """Length of the step to try instead of one of length d; d if that is accurate enough."""
     if not (abs(way) < math.inf and error < math.inf):
         return 0.1 * d  # bristles that a trial step bends back grow without bounds
     if abs(way) > plant.numbers[SHORT_WAY]:
         return 0.9 * d * plant.numbers[SHORT_WAY] / abs(way)
-    return smaller(d, allowed, error) if error > allowed else d
+    return smaller_step(d, allowed, error) if error > allowed else d
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def turning(v, v1, s, k1, k4, d, lowest):
+def reversal_step(v, v1, s, k1, k4, d, lowest):
     """Length of a step that ends near a reversal, or a minimum below `lowest`, inside d; else d."""
     part = k1 / (k1 - k4) if k1 != k4 else 0.0
     if v == 0.0 and s * k1 > 0.0 and s * v1 <= 0.0:
@@ -1066,7 +1074,7 @@ def turning(v, v1, s, k1, k4, d, lowest):
 
 
 @internal(forceinline=True)
-def _ending(plant, drive, t0, tau, x, v, x1, v1, s, k1, d, varies, may, divisible, flips):
+def _sliding_end(plant, drive, t0, tau, x, v, x1, v1, s, k1, d, varies, may, divisible, flips):
     """How a sliding step ends, and its length; _DIVIDED: try that length instead."""
     # `may`: whether it may switch at zero or in the band; `divisible`: whether it may be shorter.
     sigma = plant.numbers[STICK_SPEED]
@@ -1117,14 +1125,14 @@ def _mode_after(plant, drive, t0, tau, x, v, mode, kind, d):
 def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, longest):
     """Move over an interval that contains switches or needs more than one step."""
     sigma = plant.numbers[STICK_SPEED]
-    varies = _varies(plant, drive)
+    varies = _breakaway_can_vary(plant, drive)
     tau = 0.0
     switches = 0
     flips = 0
     close, pause, resume, last = 0, CLOSE * h, 0.0, -h
     fresh = False  # whether k1 must be recomputed
     while tau < h:
-        # The mode is held until `resume`, see `crowded`.
+        # The mode is held until `resume`, see `switching_pause`.
         bound = h if tau >= resume else min(resume, h)
         may = tau >= resume and switches < count[MOST]
         if mode == 0:
@@ -1140,7 +1148,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, long
                 switches += 1
                 record(events, count, t0 + tau, 0, int(s), switches)
                 mode, rest, fresh, longest = int(s), 0.0, True, h
-                close, pause, resume = crowded(tau, last, h, close, pause)
+                close, pause, resume = switching_pause(tau, last, h, close, pause)
                 last = tau
                 if s * v < 0.0:
                     v = 0.0
@@ -1157,17 +1165,17 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, long
         error += peak_error(plant, x, v, v1, s, k1, k4, d)
         divisible = d > SHORTEST * h
         if divisible:
-            cut = refined(plant, x1 - x, error, allowed, d)
+            cut = accurate_step(plant, x1 - x, error, allowed, d)
             if cut == d:
                 cut = peak_step(plant, v, v1, s, d)
                 if cut >= 0.99 * d:
-                    cut = turning(v, v1, s, k1, k4, d, 0.0 if s * v <= sigma else sigma)
+                    cut = reversal_step(v, v1, s, k1, k4, d, 0.0 if s * v <= sigma else sigma)
                 if cut >= 0.99 * d and has_kinks(plant):
                     cut = _kinked(plant, drive, t0, tau, x, v, x1, v1, s, d)
             if cut < d:
                 longest = cut
                 continue
-        kind, cut = _ending(
+        kind, cut = _sliding_end(
             plant, drive, t0, tau, x, v, x1, v1, s, k1, d, varies, may, divisible, flips
         )
         if kind == _DIVIDED:
@@ -1179,7 +1187,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, long
             if tau + SHORTEST * h >= h:
                 tau = h
             if longest < h:
-                longest = larger(d, allowed, error)
+                longest = larger_step(d, allowed, error)
             continue
 
         x, v, _, _, _, _ = slide(plant, drive, t0, tau, x, v, s, k1, cut)
@@ -1193,7 +1201,7 @@ def _walk(plant, drive, t0, h, memory, events, count, x, v, mode, rest, k1, long
             switches += 1
             record(events, count, t0 + tau, mode, after, switches)
             mode, rest = after, 0.0
-            close, pause, resume = crowded(tau, last, h, close, pause)
+            close, pause, resume = switching_pause(tau, last, h, close, pause)
             last = tau
 
     memory[X], memory[V], memory[MODE], memory[REST] = x, v, mode, rest
@@ -1207,7 +1215,7 @@ def _advance_rigid(plant, drive, t0, h, memory, events, count):
     if first != mode:
         record(events, count, t0, mode, first)
         mode, rest = first, 0.0
-    calm, x1, v1, length = _calm(plant, drive, t0, h, x, v, mode, rest, k1)
+    calm, x1, v1, length = _try_one_step(plant, drive, t0, h, x, v, mode, rest, k1)
     if calm:
         memory[X], memory[V], memory[MODE] = x1, v1, mode
         memory[REST] = rest + h if mode == 0 else 0.0
@@ -1237,7 +1245,7 @@ def rigid_task():
 
 
 @internal
-def do(plant, place, task, drive, t0, h, memory, events, count):
+def perform_task(plant, place, task, drive, t0, h, memory, events, count):
     """Perform a task by the function whose address is at index `place` of the integers."""
     # Called by its address, it is compiled once instead of into each of its callers.
     seen = spare_memory()
@@ -1253,11 +1261,11 @@ def advance(plant, drive, t0, h, memory, events, count):
     """Move the axis over [t0, t0 + h]; velocity, friction force and mode at t0."""
     # `memory` is changed in place; each switch is appended to `events` (time, mode before, mode
     # after) and counted in `count`.
-    return do(plant, TASK, ADVANCE, drive, t0, h, memory, events, count)
+    return perform_task(plant, TASK, ADVANCE, drive, t0, h, memory, events, count)
 
 
 @internal
-def reading(plant, t, memory):
+def encoder_reading(plant, t, memory):
     """What an encoder without increments reads."""
     x = memory[X]
     if plant.integers[STRUCTURE] & ON_LOAD:
@@ -1278,11 +1286,11 @@ def place(plant, t, dt, y, memory):
     if plant.integers[N_READING] > 0:
         # The encoder error varies slowly with position: the fixed-point iteration converges.
         for _ in range(_TURNS):
-            memory[X] += y - reading(plant, t, memory)
+            memory[X] += y - encoder_reading(plant, t, memory)
         x, way = memory[X], memory[V] * dt
         if way != 0.0:
             memory[X] = x + way
-            read = reading(plant, t, memory) - y
+            read = encoder_reading(plant, t, memory) - y
             memory[X] = x
             if 0.1 < read / way < 10.0:
                 memory[V] *= way / read
@@ -1424,7 +1432,7 @@ def settle(plant, t, dt, memory, u, inertia=0.0):
     if plant.integers[STRUCTURE] == 0:
         return
     drive = Drive(drive_now(plant, t, dt, memory, u) - inertia, inertia, 0.0, 0.0)
-    do(plant, TASK, SETTLE, drive, t, 0.0, memory, memory, plant.integers)
+    perform_task(plant, TASK, SETTLE, drive, t, 0.0, memory, memory, plant.integers)
 
 
 @internal
@@ -1432,7 +1440,7 @@ def outputs(plant, t, dt, memory, u):
     """Velocity, friction force and mode at the sample instant, under the new input."""
     drive = held_force(drive_now(plant, t, dt, memory, u))
     # This task changes no state and needs no list of switches.
-    return do(plant, TASK, _LOOK, drive, t, 0.0, memory, memory, plant.integers)
+    return perform_task(plant, TASK, _LOOK, drive, t, 0.0, memory, memory, plant.integers)
 
 
 @njit(cache=True, error_model="numpy")
@@ -1440,10 +1448,10 @@ def step(numbers, integers, memory, t, dt, u):
     """One sample of a held input, for a caller that needs no list of switches."""
     plant = point(numbers, integers)
     events = np.empty(3)
-    count = tally(events)
+    count = empty_tally(events)
     sample(plant, t, dt, u, u, pointer(memory), pointer(events), pointer(count))
-    keep(events)
-    keep(count)
+    keep_alive(events)
+    keep_alive(count)
 
 
 @njit(cache=True, error_model="numpy")
@@ -1455,7 +1463,7 @@ def outputs_now(numbers, integers, memory, t, dt, u):
 @njit(cache=True, error_model="numpy")
 def reading_now(numbers, integers, memory, t):
     """What an encoder without increments reads."""
-    return reading(point(numbers, integers), t, pointer(memory))
+    return encoder_reading(point(numbers, integers), t, pointer(memory))
 
 
 @njit(cache=True, error_model="numpy")
@@ -1465,7 +1473,7 @@ def mode_rate(numbers, integers, t, x, v, u, mode):
     memory = np.array([x, v, float(mode), 0.0, 0.0])
     s = float(mode)
     w = load_under(plant, input_map(plant, t, pointer(memory), u), t, x, v, s, 0.0)
-    keep(memory)
+    keep_alive(memory)
     if mode == 0:
         return -plant.numbers[STICK_RATE] * v, w
     friction = s * sliding_level(plant, t, x, v, w, s)
@@ -1484,7 +1492,7 @@ def longer_list(events, count):
 
 
 @njit(cache=True, error_model="numpy")
-def located(events, count):
+def switch_rows(events, count):
     """The first switches of the list as rows of time, mode before, mode after."""
     rows = np.empty((count, 3))
     for i in range(count):
@@ -1509,21 +1517,21 @@ def run(numbers, integers, memory, u, known, dt, first, room, out):
     # The initial mode is set without recording a switch.
     state[MODE] = outputs(plant, 0.0, dt, state, u[0])[2]
     events = np.empty(64 * room)
-    count = tally(events)
+    count = empty_tally(events)
     for k in range(n - 1):
         if 3 * count[LISTED] + room > events.shape[0]:
             events = longer_list(events, count)
         t, end = k * dt, u[k + 1] if first else u[k]
         if known.shape[0] > 0:  # to hand an array on counts its references
             set_known_force(plant, t, dt, known, k, first)
-        out[0, k] = reading(plant, t, state)
+        out[0, k] = encoder_reading(plant, t, state)
         out[1, k], out[2, k], out[3, k] = sample(
             plant, t, dt, u[k], end, state, pointer(events), pointer(count)
         )
     t = (n - 1) * dt
     if known.shape[0] > 0:
         set_known_force(plant, t, dt, known, n - 1, first)
-    out[0, n - 1] = reading(plant, t, state)
+    out[0, n - 1] = encoder_reading(plant, t, state)
     out[1, n - 1], out[2, n - 1], out[3, n - 1] = outputs(plant, t, dt, state, u[n - 1])
-    keep(own)
-    return located(events, count[LISTED]), count[LOST]
+    keep_alive(own)
+    return switch_rows(events, count[LISTED]), count[LOST]

@@ -130,13 +130,15 @@ def _loaded_level(plant, t, x, v, w, s):
     level = axis_step.coulomb_level(plant, t, x, v, w, s, 0.0)
     if plant.integers[axis_step.N_CARRIED] == 0:
         return level
-    last, last_level = 0.0, level
+    last = 0.0
+    last_level = level
     for _ in range(_MOST_LEVEL_SECANTS):
         new = axis_step.coulomb_level(plant, t, x, v, w + s * level, s, 0.0)
         if abs(new - level) <= 1e-12 * new or level == last:
             break
         bend = 1.0 - (new - last_level) / (level - last)
-        last, last_level = level, new
+        last = level
+        last_level = new
         level = max(level + (new - level) / bend, 0.0) if bend > _LEAST_BEND else new
     return level
 
@@ -162,7 +164,8 @@ def _inverse_input(plant, t, seen, wanted):
     """Drive that the static input effects map to the required force, by secants."""
     if plant.integers[axis_step.N_INPUT] == 0:
         return wanted
-    u, got = wanted, axis_step.input_map(plant, t, seen, wanted)
+    u = wanted
+    got = axis_step.input_map(plant, t, seen, wanted)
     slope = 1.0
     for _ in range(_MOST_SECANTS):
         error = wanted - got
@@ -172,7 +175,8 @@ def _inverse_input(plant, t, seen, wanted):
         after = axis_step.input_map(plant, t, seen, following)
         if abs(following - u) > 0.0:
             slope = min(max((after - got) / (following - u), 0.1), 10.0)
-        u, got = following, after
+        u = following
+        got = after
     return u
 
 
@@ -180,8 +184,11 @@ def _inverse_input(plant, t, seen, wanted):
 def _low_pass(memory, at, corner, dt, value):
     """Second-order low-pass of damping 0.7; its value, slope and curvature."""
     a = corner * math.sqrt(0.5)
-    fade, c, s = math.exp(-a * dt), math.cos(a * dt), math.sin(a * dt)
-    x, v = memory[at] - value, memory[at + 1]
+    fade = math.exp(-a * dt)
+    c = math.cos(a * dt)
+    s = math.sin(a * dt)
+    x = memory[at] - value
+    v = memory[at + 1]
     gone = fade * (x * c + (v / a + x) * s)
     slope = fade * (v * c - (v + 2.0 * a * x) * s)
     memory[at], memory[at + 1] = gone + value, slope
@@ -189,10 +196,13 @@ def _low_pass(memory, at, corner, dt, value):
 
 
 @njit(cache=True, error_model="numpy")
-def extended(c, memory, y):
+def update_extended_state(c, memory, y):
     """Extended state observer: position, velocity and resisting force in memory from INNER."""
-    rate, dt = c[VISCOUS] / c[MASS], c[DT]
-    x, v, force = memory[INNER], memory[INNER + 1], memory[INNER + 4] - memory[INNER + 2]
+    rate = c[VISCOUS] / c[MASS]
+    dt = c[DT]
+    x = memory[INNER]
+    v = memory[INNER + 1]
+    force = memory[INNER + 4] - memory[INNER + 2]
     x += dt * (v + 0.5 * dt * (force / c[MASS] - rate * v))
     v += dt * (force / c[MASS] - rate * v)
     error = y - x
@@ -207,7 +217,7 @@ def disturbance(c, memory, y):
         _, v, a = _low_pass(memory, INNER, c[GAIN_X], c[DT], y)
         u, _, _ = _low_pass(memory, INNER + 2, c[GAIN_X], c[DT], memory[INNER + 4])
         return u - c[MASS] * a - c[VISCOUS] * v
-    extended(c, memory, y)
+    update_extended_state(c, memory, y)
     return memory[INNER + 2]
 
 
@@ -227,7 +237,8 @@ def _learn(c, plant, t, memory, y, mode, v, what):
     memory[LEVEL_SEEN] += c[LAG] * (1.0 - memory[LEVEL_SEEN])
     memory[PEAK_SEEN] += c[LAG] * (phi - memory[PEAK_SEEN])
     left = -s * what - memory[EXPECTED]
-    one, peak = memory[LEVEL_SEEN], memory[PEAK_SEEN]
+    one = memory[LEVEL_SEEN]
+    peak = memory[PEAK_SEEN]
     gain = c[RATE] / (1.0 + peak * peak) * left
     band = c[BAND] * level
     memory[place] = min(max(memory[place] + gain * one, -band), band)
@@ -272,7 +283,8 @@ def _follow_reference(c, memory, x, v):
     if lead == 0:
         return x, v, moving
     last = LINE + STRIDE * (lead - 1)
-    now, speed = memory[last], memory[last + 1]
+    now = memory[last]
+    speed = memory[last + 1]
     for i in range(last + STRIDE - 1, LINE + STRIDE - 1, -1):
         memory[i] = memory[i - STRIDE]
     memory[LINE], memory[LINE + 1] = x, v
@@ -373,7 +385,7 @@ def step(law, memory, ahead, speed_ahead, acceleration_ahead, y):
 
     if c[SOURCE] == LEARNED:
         mode = int(seen[observer.MODE])
-        extended(c, memory, -error)
+        update_extended_state(c, memory, -error)
         speed -= c[SPEED_SHARE] * (memory[INNER + 1] + speed)
         if mode != 0:
             left = _learn(
@@ -453,12 +465,12 @@ def run_loop(numbers, integers, state, law, memory, reference, disturbance, quan
     n = reference.shape[1]
     lead = int(law.numbers[LEAD])
     events = np.empty(64 * room)
-    count = axis_step.tally(events)
+    count = axis_step.empty_tally(events)
     for k in range(n):
         if 3 * count[axis_step.LISTED] + room > events.shape[0]:
             events = axis_step.longer_list(events, count)
-        y = encode(axis_step.reading(plant, k * dt, at), quantum)
+        y = encode(axis_step.encoder_reading(plant, k * dt, at), quantum)
         j = min(k + lead, n - 1)
         u = step(law, memory, reference[0, j], reference[1, j], reference[2, j], y)
         advance_plant(plant, k, dt, at, u, disturbance[k], y, events, count, out)
-    return axis_step.located(events, count[axis_step.LISTED]), count[axis_step.LOST]
+    return axis_step.switch_rows(events, count[axis_step.LISTED]), count[axis_step.LOST]

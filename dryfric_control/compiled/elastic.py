@@ -13,7 +13,7 @@ from typing import NamedTuple
 from numba import cfunc, njit
 
 from dryfric_control.compiled import axis_step as step
-from dryfric_control.compiled.roots import between, larger, narrowed, shorter
+from dryfric_control.compiled.roots import illinois_bracket, larger_step, margin_step, secant_point
 
 # Error of the cut at a switch, as a fraction of the error allowed for a step.
 _CUT = 0.1
@@ -70,7 +70,7 @@ class Strain(NamedTuple):
 
 
 @step.internal
-def _later(drive, tau):
+def _shift_drive(drive, tau):
     """The same drive, its time counted from tau."""
     start = drive.start + drive.slope * tau
     if drive.fade == 0.0:
@@ -81,11 +81,13 @@ def _later(drive, tau):
 @step.internal(forceinline=True)
 def _load_side(plant):
     """The plant with only the mass of the load."""
-    return step.Plant(step.further(plant.numbers, plant.integers[step.N_NUMBERS]), plant.integers)
+    return step.Plant(
+        step.offset_address(plant.numbers, plant.integers[step.N_NUMBERS]), plant.integers
+    )
 
 
 @step.internal(forceinline=True)
-def _transmitted(side, drive, tau, at):
+def _transmission_force(side, drive, tau, at):
     """Force on the mass with friction: of the spring between two masses, of the drive, or both."""
     kind, force = side.integers[step.STRUCTURE], 0.0
     if kind & step.SPRING:
@@ -111,7 +113,7 @@ def _mean_fall(x):
 
 
 @step.internal
-def _bent(way, start, before, most):
+def _bristle_deflection(way, start, before, most):
     """Deflection of bristles along a motion after a way; they slid at `before`, at `most` now."""
     # z' = 1 - z/limit over the way, exact for a limit that changes linearly along it.
     change = (most - before) / before
@@ -129,7 +131,7 @@ def _direction(mode):
 
 
 @step.internal(forceinline=True)
-def _stretched(strain, y):
+def _stuck_deflection(strain, y):
     """Deflection of a contact that does not slide, where the load is at y."""
     return y - strain.y + strain.z
 
@@ -138,18 +140,18 @@ def _stretched(strain, y):
 def _deflection(side, drive, t0, tau, at, strain, mode, rest):
     """Deflection of a contact in a phase, and the one with which bristles slide."""
     if not _bristles(side):
-        return _stretched(strain, at.y), math.inf
+        return _stuck_deflection(strain, at.y), math.inf
     s = _direction(mode)
-    most = _most(side, drive, t0, tau, at, s, rest)
+    most = _sliding_deflection(side, drive, t0, tau, at, s, rest)
     z = most
     if most > 0.0 and strain.most > 0.0:
-        z = _bent(s * (at.y - strain.y), s * strain.z, strain.most, most)
+        z = _bristle_deflection(s * (at.y - strain.y), s * strain.z, strain.most, most)
     z *= s
     return z, most
 
 
 @step.internal(forceinline=True)
-def _held(side, z, most, p):
+def _contact_force(side, z, most, p):
     """Force of an elastic contact at deflection z and velocity p."""
     numbers, rate = side.numbers, p
     force = numbers[step.CONTACT_STIFFNESS] * z
@@ -170,7 +172,7 @@ def _bound(side, t, y, p, w, s, rest):
 @step.internal
 def _rates(side, drive, t0, tau, at, strain, mode, rest):
     """Accelerations of motor and load in a phase: a mode, or a direction by _BACK or _BENDS."""
-    force = _transmitted(side, drive, tau, at)
+    force = _transmission_force(side, drive, tau, at)
     motor = 0.0
     if side.integers[step.STRUCTURE] & step.SPRING:
         motor = (step.drive_force(drive, tau) - force) * side.numbers[step.INVERSE_MOTOR]
@@ -180,7 +182,7 @@ def _rates(side, drive, t0, tau, at, strain, mode, rest):
     w = step.load_under(side, force, t, at.y, at.p, s if abs(mode) == 1 else 0.0, rest)
     if contact and (mode == 0 or _bristles(side)):
         z, most = _deflection(side, drive, t0, tau, at, strain, mode, rest)
-        friction = _held(side, z, most, at.p)
+        friction = _contact_force(side, z, most, at.p)
     elif abs(mode) == _BACK:
         s /= _BACK
         friction = s * _bound(side, t, at.y, at.p, w, s, rest)
@@ -198,7 +200,7 @@ def _wave_error(k1, k2, k3, k4, phi, d):
 
 
 @step.internal(forceinline=True)
-def _turn(side, mode):
+def _phase_rate(side, mode):
     """Rate at which contact and spring swing or decay in a phase [1/s]."""
     numbers, turn = side.numbers, 0.0
     if mode == 0 or _bristles(side):
@@ -212,7 +214,7 @@ def _turn(side, mode):
 
 
 @step.internal(forceinline=True)
-def _fades(side):
+def _level_can_fall(side):
     """Whether the level can fall while an elastic contact is strained."""
     i = side.integers
     return i[step.STRUCTURE] & step.CONTACT != 0 and (
@@ -226,10 +228,10 @@ def _bent_after(side, drive, t0, tau, at, strain, mode, rest, middle, after, d):
     s, half = _direction(mode), 0.5 * d
     waited = 0.0 if abs(mode) == 1 else half
     z, most = _deflection(side, drive, t0, tau + d, after, strain, mode, rest + 2.0 * waited)
-    if not _fades(side) or not most > 0.0:
+    if not _level_can_fall(side) or not most > 0.0:
         return Strain(after.y, z, most), 0.0
     # The level is taken to change linearly along the way, and bends by `bow` in its middle.
-    between = _most(side, drive, t0, tau + half, middle, s, rest + waited)
+    between = _sliding_deflection(side, drive, t0, tau + half, middle, s, rest + waited)
     way, part = s * (after.y - at.y), 0.5
     if way > 0.0:
         part = min(max(s * (middle.y - at.y) / way, 0.25), 0.75)
@@ -265,7 +267,7 @@ def _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d):
         y + d * (p + d * (k1 + k2 + k3) / 6.0),
         p + d * (k1 + 2.0 * (k2 + k3) + k4) / 6.0,
     )
-    numbers, turn = side.numbers, _turn(side, mode)
+    numbers, turn = side.numbers, _phase_rate(side, mode)
     error = 0.0
     if side.integers[step.STRUCTURE] & step.SPRING:
         error = _wave_error(m1, m2, m3, m4, d * turn, d)
@@ -273,8 +275,8 @@ def _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d):
     # Position-dependent forces: the elastic force represents their size; their passage
     # through zero is left to the wave error (distance infinite).  The allowed error is
     # 0 here, so that the estimate is not shortened to zero.
-    held = numbers[step.CONTACT_STIFFNESS] * abs(_stretched(strain, y))
-    pull = numbers[step.INVERSE_MASS] * (abs(_transmitted(side, drive, tau, at)) + held)
+    held = numbers[step.CONTACT_STIFFNESS] * abs(_stuck_deflection(strain, y))
+    pull = numbers[step.INVERSE_MASS] * (abs(_transmission_force(side, drive, tau, at)) + held)
     error = max(error, step.step_error(side, drive, k1, k2, k3, k4, pull, math.inf, d, 0.0))
     if mode != 0:
         error = max(error, step.peak_error(side, y, p, after.p, _direction(mode), k1, k4, d))
@@ -291,21 +293,21 @@ def _open(phase):
 
 
 @step.internal
-def _most(side, drive, t0, tau, at, s, rest):
+def _sliding_deflection(side, drive, t0, tau, at, s, rest):
     """Deflection in direction s at which an elastic contact slides, a magnitude."""
     t = t0 + tau
-    w = step.load_under(side, _transmitted(side, drive, tau, at), t, at.y, at.p, 0.0, rest)
+    w = step.load_under(side, _transmission_force(side, drive, tau, at), t, at.y, at.p, 0.0, rest)
     return _bound(side, t, at.y, at.p, w, s, rest) / side.numbers[step.CONTACT_STIFFNESS]
 
 
 @step.internal
-def _tightens(side, drive, t0, tau, at, m, k, s, rest, d):
+def _slip_approach_rate(side, drive, t0, tau, at, m, k, s, rest, d):
     """Rate at which a deflection in direction s nears the limit at which it slides."""
     x, v, y, p, span = at.x, at.v, at.y, at.p, _SPAN * d
     then = Masses(x + span * v, v + span * m, y + span * p, p + span * k)
     before = Masses(x - span * v, v - span * m, y - span * p, p - span * k)
-    later = _most(side, drive, t0, tau + span, then, s, rest)
-    earlier = _most(side, drive, t0, tau - span, before, s, rest)
+    later = _sliding_deflection(side, drive, t0, tau + span, then, s, rest)
+    earlier = _sliding_deflection(side, drive, t0, tau - span, before, s, rest)
     return s * p - (later - earlier) / (2.0 * span)
 
 
@@ -325,16 +327,16 @@ def _margin(side, drive, t0, tau, at, strain, mode, rest, flips, length):
             if s * p > 0.0:
                 return -s * p
             m, k = _rates(side, drive, t0, tau, at, strain, mode, rest)
-            return _tightens(side, drive, t0, tau, at, m, k, s, rest, length)
-        held = _stretched(strain, at.y)
+            return _slip_approach_rate(side, drive, t0, tau, at, m, k, s, rest, length)
+        held = _stuck_deflection(strain, at.y)
         s = 1.0 if held > 0.0 else -1.0
-        return _most(side, drive, t0, tau, at, s, rest) - s * held
+        return _sliding_deflection(side, drive, t0, tau, at, s, rest) - s * held
     if mode != 0:
         if s * p > side.numbers[step.STICK_SPEED]:
             return math.inf
         if s * p <= 0.0 and (side.integers[step.RULE] == step.FILIPPOV or flips == 0):
             return s * p
-    felt = step.held_force(_transmitted(side, drive, tau, at))
+    felt = step.held_force(_transmission_force(side, drive, tau, at))
     if mode == 0:
         excess = step.hold_excess(side, felt, t, 0.0, at.y, p, rest)[0]
         # A load that equals the level holds; how far it is from its end, no number says.
@@ -348,7 +350,7 @@ def _margin(side, drive, t0, tau, at, strain, mode, rest, flips, length):
 def _begin_inner(side, drive, t0, at, z, mode, rest):
     """Mode, velocity and deflection of the load, friction force, accelerations."""
     y, p = at.y, at.p
-    force = _transmitted(side, drive, 0.0, at)
+    force = _transmission_force(side, drive, 0.0, at)
     w = step.load_under(side, force, t0, y, p, float(mode), rest)
     contact = side.integers[step.STRUCTURE] & step.CONTACT != 0
     if not contact:
@@ -365,11 +367,11 @@ def _begin_inner(side, drive, t0, at, z, mode, rest):
             if s * stiffness * z >= bound * (1.0 - 1e-12):
                 z = s * bound / stiffness
                 mode = int(s) if s * p > 0.0 else 0
-        friction = _held(side, z, math.inf, p)
+        friction = _contact_force(side, z, math.inf, p)
     now = Masses(at.x, at.v, y, p)
     if contact and _bristles(side):
-        strain, phase = _bending(side, drive, t0, 0.0, now, z, mode, rest)
-        mode, friction = _open(phase), _held(side, z, strain.most, p)
+        strain, phase = _bristle_phase(side, drive, t0, 0.0, now, z, mode, rest)
+        mode, friction = _open(phase), _contact_force(side, z, strain.most, p)
     else:
         strain, phase = Strain(y, z, 0.0), mode
         if mode != 0:
@@ -379,16 +381,16 @@ def _begin_inner(side, drive, t0, at, z, mode, rest):
 
 
 @step.internal
-def _bending(side, drive, t0, tau, at, z, mode, rest):
+def _bristle_phase(side, drive, t0, tau, at, z, mode, rest):
     """Strain of bristles deflected by z, and their phase: the mode, or the direction of motion."""
     s = float(mode)
     if mode == 0:
         s = math.copysign(1.0, at.p)
         if at.p == 0.0:
-            force = _transmitted(side, drive, tau, at)
+            force = _transmission_force(side, drive, tau, at)
             w = step.load_under(side, force, t0 + tau, at.y, 0.0, 0.0, rest)
             s = math.copysign(1.0, w - side.numbers[step.CONTACT_STIFFNESS] * z)
-    most = _most(side, drive, t0, tau, at, s, rest)
+    most = _sliding_deflection(side, drive, t0, tau, at, s, rest)
     bends = mode == 0 and (at.p == 0.0 or s * z < _BENT * most)
     return Strain(at.y, z, most), int(s) * _BENDS if bends else int(s)
 
@@ -397,33 +399,36 @@ def _bending(side, drive, t0, tau, at, z, mode, rest):
 def _slides_back(side, drive, t0, at, z, rest, h):
     """Whether a contact of deflection z slides although it springs back: its limit falls faster."""
     s = math.copysign(1.0, z)
-    if s * z < _most(side, drive, t0, 0.0, at, s, rest) * (1.0 - 1e-12):
+    if s * z < _sliding_deflection(side, drive, t0, 0.0, at, s, rest) * (1.0 - 1e-12):
         return False
     d = min(h, side.numbers[step.SHORT_TIME])
     m, k = _rates(side, drive, t0, 0.0, at, Strain(at.y, z, 0.0), int(s) * _BACK, rest)
-    return _tightens(side, drive, t0, 0.0, at, m, k, s, rest, d) > 0.0
+    return _slip_approach_rate(side, drive, t0, 0.0, at, m, k, s, rest, d) > 0.0
 
 
 @step.internal
 def _kinked(side, drive, t0, tau, at, after, mode, rest, d):
     """Length of a step that ends where a force bends, see `step.kink_step`."""
     s, t = float(mode) if abs(mode) == 1 else 0.0, t0 + tau
-    felt, then = _transmitted(side, drive, tau, at), _transmitted(side, drive, tau + d, after)
+    felt, then = (
+        _transmission_force(side, drive, tau, at),
+        _transmission_force(side, drive, tau + d, after),
+    )
     w = step.load_under(side, felt, t, at.y, at.p, s, rest)
     w1 = step.load_under(side, then, t + d, after.y, after.p, s, rest)
     return step.kink_step(side, t, at.y, at.p, w, after.y, after.p, w1, s, rest, d)
 
 
 @step.internal(forceinline=True)
-def _shortened(side, drive, t0, tau, at, after, mode, rest, fades, k1, k4, d, error, allowed):
+def _load_step(side, drive, t0, tau, at, after, mode, rest, fades, k1, k4, d, error, allowed):
     """Length of the step to try instead of one of length d of the load; d if it may stay."""
-    cut = step.refined(side, after.y - at.y, error, allowed, d)
+    cut = step.accurate_step(side, after.y - at.y, error, allowed, d)
     if cut == d and (mode != 0 or fades):
         sight = step.peak_step(side, abs(at.p), abs(after.p), 1.0, d)
         if sight < 0.99 * d:
             return sight
     if cut == d and mode != 0 and abs(mode) != _BACK:
-        cut = step.turning(at.p, after.p, _direction(mode), k1, k4, d, 0.0)
+        cut = step.reversal_step(at.p, after.p, _direction(mode), k1, k4, d, 0.0)
     if cut == d and step.has_kinks(side):
         cut = _kinked(side, drive, t0, tau, at, after, mode, rest, d)
     return cut
@@ -470,7 +475,7 @@ def _first_end(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, d, s
             return b, fb
         sure = start + fb >= rate * (b - a)
         if not sure and b - a > 1.01 * finest:
-            length = shorter(b - a, start, rate, finest)
+            length = margin_step(b - a, start, rate, finest)
             continue
         if not sure:
             c = 0.5 * (a + b)
@@ -487,14 +492,14 @@ def _phase_end(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, d, l
     a, b, fb, last = 0.0, d, left, 0
     fa = _margin(side, drive, t0, tau, at, strain, mode, rest, flips, d)
     for i in range(200):
-        c = between(a, fa, b, fb)
+        c = secant_point(a, fa, b, fb)
         if b - a <= exact or fb == 0.0 or c == b:
             break
         # The margin may jump: bisect every fourth time, or where it is not known.
         if i % 4 == 3 or fa == math.inf:
             c = 0.5 * (a + b)
         fc = _margin_within(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, c, d)
-        a, fa, b, fb, last = narrowed(a, fa, b, fb, last, c, fc)
+        a, fa, b, fb, last = illinois_bracket(a, fa, b, fb, last, c, fc)
     return b
 
 
@@ -502,21 +507,21 @@ def _phase_end(side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, d, l
 def _back_strain(side, drive, t0, tau, at, mode, rest):
     """Strain of a contact in a phase in which it slides although it springs back."""
     s = float(mode) / _BACK
-    return Strain(at.y, s * _most(side, drive, t0, tau, at, s, rest), 0.0)
+    return Strain(at.y, s * _sliding_deflection(side, drive, t0, tau, at, s, rest), 0.0)
 
 
 @step.internal
 def _phase_after(side, drive, t0, tau, at, strain, mode, rest, flips, moved):
     """Phase after another, velocity of the load, strain; `moved`: whether the step has a length."""
     s, t, y, p = float(mode), t0 + tau, at.y, at.p
-    force = _transmitted(side, drive, tau, at)
+    force = _transmission_force(side, drive, tau, at)
     if _bristles(side):
         s = _direction(mode)
         if abs(mode) == _BENDS and s * p > 0.0:
             return int(s), p, strain
         p = 0.0 if abs(mode) == 1 else p
         now = Masses(at.x, at.v, y, p)
-        strain, mode = _bending(side, drive, t0, tau, now, strain.z, 0, rest)
+        strain, mode = _bristle_phase(side, drive, t0, tau, now, strain.z, 0, rest)
         return mode, p, strain
     if side.integers[step.STRUCTURE] & step.CONTACT:
         if abs(mode) == _BACK:
@@ -524,7 +529,7 @@ def _phase_after(side, drive, t0, tau, at, strain, mode, rest, flips, moved):
             strain = _back_strain(side, drive, t0, tau, at, mode, rest)
             return (int(s) if s * p > 0.0 else 0), p, strain
         if mode == 0:
-            s = 1.0 if _stretched(strain, y) > 0.0 else -1.0
+            s = 1.0 if _stuck_deflection(strain, y) > 0.0 else -1.0
             return int(s if s * p > 0.0 else s * _BACK), p, strain
         w = step.load_under(side, force, t, y, 0.0, s, 0.0)
         level = step.sliding_level(side, t, y, 0.0, w, s)
@@ -536,7 +541,7 @@ def _phase_after(side, drive, t0, tau, at, strain, mode, rest, flips, moved):
         return 0, p, strain
     if side.integers[step.RULE] == step.PAPER:
         return -mode, 0.0, strain
-    force = _transmitted(side, drive, tau, Masses(at.x, at.v, y, 0.0))
+    force = _transmission_force(side, drive, tau, Masses(at.x, at.v, y, 0.0))
     w = step.load_under(side, force, t, y, 0.0, s, 0.0)
     after = step.at_zero(side, t, y, w, mode)
     # Where load and level are equal up to round-off, it rests.
@@ -557,8 +562,8 @@ def _masses(memory, two, rubs):
 def _first_phase(side, drive, t0, at, z, mode, rest, h):
     """Strain of the contact and phase at the start of an interval."""
     if _bristles(side):
-        return _bending(side, drive, t0, 0.0, at, z, mode, rest)
-    if mode == 0 and _fades(side) and z * at.p <= 0.0:
+        return _bristle_phase(side, drive, t0, 0.0, at, z, mode, rest)
+    if mode == 0 and _level_can_fall(side) and z * at.p <= 0.0:
         if _slides_back(side, drive, t0, at, z, rest, h):
             mode = int(math.copysign(_BACK, z))
     return Strain(at.y, z, 0.0), mode
@@ -574,9 +579,9 @@ def _velocity_scale(side, at, m1, k1, d):
 
 
 @step.internal
-def _carried(side, at, strain, mode, k1):
+def _stable_step(side, at, strain, mode, k1):
     """Longest step that an elastic part carries without growing [s]."""
-    turn = _turn(side, mode)
+    turn = _phase_rate(side, mode)
     d = _CARRIED / turn if turn > 0.0 else math.inf
     if _bristles(side) and abs(at.p) <= 2.0 * d * abs(k1):
         # Bristles that a trial step bends back grow exponentially along the way.
@@ -589,11 +594,11 @@ def _store(side, drive, t0, h, at, strain, mode, rest, memory):
     """Put the state at the end of an interval into memory."""
     kind, p = side.integers[step.STRUCTURE], at.p
     if kind & step.CONTACT:
-        z = _stretched(strain, at.y)
+        z = _stuck_deflection(strain, at.y)
         if _bristles(side):
             z = strain.z
         elif abs(mode) == 1:
-            force = _transmitted(side, drive, h, at)
+            force = _transmission_force(side, drive, h, at)
             z = step.sliding_friction(side, force, t0 + h, at.y, p, float(mode))
             z /= side.numbers[step.CONTACT_STIFFNESS]
         memory[step.DEFLECTION] = z
@@ -625,7 +630,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         rest = 0.0
     seen = at.v if two and not rubs else p
     strain, mode = _first_phase(side, drive, t0, at, z, first, rest, h)
-    fades = _fades(side)
+    fades = _level_can_fall(side)
     if mode != first:
         m1, k1 = _rates(side, drive, t0, 0.0, at, strain, mode, rest)
     # Distance from the end of mode 0.
@@ -638,7 +643,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         if fresh:
             m1, k1 = _rates(side, drive, t0, tau, at, strain, mode, rest)
             fresh = False
-        # The mode is held until `resume`, see `crowded`.
+        # The mode is held until `resume`, see `switching_pause`.
         bound = h if tau >= resume else min(resume, h)
         d = min(longest, bound - tau, side.numbers[step.SHORT_TIME])
         tries += 1
@@ -648,12 +653,14 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
             break
         if tries >= _TRIED:
             longest = h
-            d = min(bound - tau, max(_carried(side, at, strain, mode, k1), _SHORTEST_CARRIED * h))
+            d = min(
+                bound - tau, max(_stable_step(side, at, strain, mode, k1), _SHORTEST_CARRIED * h)
+            )
         end, m4, k4, bent, error = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d)
         scale = _velocity_scale(side, at, m1, k1, d)
         allowed = step.TOLERANCE * scale + side.numbers[step.ALLOWED]
         if d > step.SHORTEST * h and tries < _TRIED:
-            cut = _shortened(
+            cut = _load_step(
                 side, drive, t0, tau, at, end, mode, rest, fades, k1, k4, d, error, allowed
             )
             if cut < d:
@@ -677,7 +684,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
             if tau + step.SHORTEST * h >= h:
                 tau = h
             if longest < h:
-                longest = larger(d, allowed, error)
+                longest = larger_step(d, allowed, error)
             continue
 
         exact = (1e-14 + _CUT * side.numbers[step.ALLOWED] / scale) * part
@@ -703,7 +710,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
                 step.record(events, count, t0 + tau, _open(mode), _open(after), switches)
                 rest = 0.0
             mode = after
-            close, pause, resume = step.crowded(tau, last, h, close, pause)
+            close, pause, resume = step.switching_pause(tau, last, h, close, pause)
             last = tau
         gap = 0.0
         if mode == 0:
@@ -718,14 +725,16 @@ def _advance_one(plant, drive, t0, h, memory, events, count):
     """Move one mass, on an elastic contact or not."""
     if plant.integers[step.STRUCTURE] & step.CONTACT:
         return _advance_inner(plant, drive, t0, h, memory, events, count)
-    return step.do(plant, step.RIGID_TASK, step.ADVANCE, drive, t0, h, memory, events, count)
+    return step.perform_task(
+        plant, step.RIGID_TASK, step.ADVANCE, drive, t0, h, memory, events, count
+    )
 
 
 @step.internal
 def _free(plant, drive, memory, tau):
     """Distance and velocity after tau of the mass without friction, alone: exact."""
     v = memory[step.V]
-    if _rubs(plant):
+    if _motor_has_friction(plant):
         v += memory[step.SLIP]
         return v * tau, v
     inverse = plant.numbers[step.INVERSE_MOTOR]
@@ -743,7 +752,7 @@ def _free(plant, drive, memory, tau):
 
 
 @step.internal(forceinline=True)
-def _rubs(plant):
+def _motor_has_friction(plant):
     """Whether friction and forces act on the motor, not on the load."""
     return plant.integers[step.STRUCTURE] & step.MOTOR_RUBS != 0
 
@@ -752,7 +761,7 @@ def _rubs(plant):
 def _state_of_one(plant, memory, scratch):
     """Copy the state of the mass with friction, as a single mass, into `scratch`."""
     scratch[step.X], scratch[step.V] = memory[step.X], memory[step.V]
-    if not _rubs(plant):
+    if not _motor_has_friction(plant):
         scratch[step.X] += memory[step.OFFSET]
         scratch[step.V] += memory[step.SLIP]
     scratch[step.MODE], scratch[step.REST] = memory[step.MODE], memory[step.REST]
@@ -777,7 +786,9 @@ def _seen_one(plant, drive, t, state):
 def _pushes(plant, drive, rate, side):
     """Force between motor and load, in contact at `side`, of an acceleration `rate`."""
     inertia = rate / plant.numbers[step.INVERSE_MOTOR]
-    return side * (inertia if _rubs(plant) else step.drive_force(drive, 0.0) - inertia)
+    return side * (
+        inertia if _motor_has_friction(plant) else step.drive_force(drive, 0.0) - inertia
+    )
 
 
 @step.internal
@@ -787,7 +798,7 @@ def _push(plant, drive, t, state, side):
 
 
 @step.internal
-def meeting(plant, memory):
+def contact_side(plant, memory):
     """Side on which motor and load touch without moving apart, 0 for none."""
     half = plant.numbers[step.HALF_GAP]
     if abs(memory[step.OFFSET]) < half * (1.0 - 1e-12):
@@ -797,7 +808,7 @@ def meeting(plant, memory):
 
 
 @step.internal
-def _lost(plant, t, y, v, side):
+def _impulse_loss(plant, t, y, v, side):
     """Part of the impulse of an impact that friction takes from the load: its slope over force."""
     load_side, s = _load_side(plant), math.copysign(1.0, v)
     others = abs(step.load_under(load_side, 0.0, t, y, v, s, 0.0))
@@ -810,39 +821,39 @@ def _lost(plant, t, y, v, side):
 
 
 @step.internal
-def _together(plant, t, y, v, p, side):
+def _common_velocity(plant, t, y, v, p, side):
     """Common velocity after a plastic impact of the free mass (v) and the other one (p, at y)."""
     # Momentum is conserved but for what friction takes that depends on the load.
     free = plant.numbers[step.INVERSE_MASS] / plant.numbers[step.INVERSE_MOTOR]
     rest = 1.0 - free
     momentum = free * v + rest * p
     if plant.numbers[step.BEHIND] != 1.0 and momentum != 0.0:
-        free *= 1.0 - _lost(plant, t, y, momentum, side)
+        free *= 1.0 - _impulse_loss(plant, t, y, momentum, side)
     return (free * v + rest * p) / (free + rest)
 
 
 @step.internal
-def _collide(plant, t, memory, scratch, side):
+def _plastic_impact(plant, t, memory, scratch, side):
     """Plastic impact at the end of the play; `scratch`: state of the mass with friction."""
-    v = memory[step.V] + (memory[step.SLIP] if _rubs(plant) else 0.0)
+    v = memory[step.V] + (memory[step.SLIP] if _motor_has_friction(plant) else 0.0)
     memory[step.OFFSET] = -side * plant.numbers[step.HALF_GAP]
-    memory[step.V] = _together(plant, t, scratch[step.X], v, scratch[step.V], side)
+    memory[step.V] = _common_velocity(plant, t, scratch[step.X], v, scratch[step.V], side)
     memory[step.SLIP] = 0.0
 
 
 @step.internal
-def _joined(plant, drive, t, d, memory, side, scratch, events, count):
+def _move_one_mass(plant, drive, t, d, memory, side, scratch, events, count):
     """Move motor and load as one mass over d; the contact force at the end."""
     _state_of_one(plant, memory, scratch)
     _advance_one(plant, drive, t, d, scratch, events, count)
-    return _push(plant, _later(drive, d), t + d, scratch, side)
+    return _push(plant, _shift_drive(drive, d), t + d, scratch, side)
 
 
 @step.internal
-def _apart(plant, drive, t, d, memory, scratch, events, count):
+def _move_two_masses(plant, drive, t, d, memory, scratch, events, count):
     """Move motor and load without contact over d; the motor's lead at the end."""
     _state_of_one(plant, memory, scratch)
-    start, rubs = scratch[step.X], _rubs(plant)
+    start, rubs = scratch[step.X], _motor_has_friction(plant)
     felt = drive if rubs else step.held_force(0.0)
     _advance_one(_load_side(plant), felt, t, d, scratch, events, count)
     # Computed from differences, as the gap is small compared with the position.
@@ -862,7 +873,7 @@ def _first_switch(t, d, memory, scratch, known, events, count):
 
 
 @step.internal
-def _pace(plant, drive, t, d, state):
+def _acceleration_bound(plant, drive, t, d, state):
     """Largest acceleration over d of one mass that the drive moves, and rate of its force."""
     numbers, y, p = plant.numbers, state[step.X], state[step.V]
     felt = max(abs(drive.start), abs(drive.start + drive.slope * d)) + abs(drive.fade)
@@ -912,7 +923,7 @@ def _first_touch(plant, drive, t, d, lead, most, known, memory, scratch, events,
         if length < d - a:
             looked = b = a + length
             count[step.LISTED] = known
-            end = _apart(plant, drive, t, b, memory, scratch, events, count)
+            end = _move_two_masses(plant, drive, t, b, memory, scratch, events, count)
         if abs(end) >= half:
             break
         speed = most * (b - a)
@@ -926,7 +937,7 @@ def _first_touch(plant, drive, t, d, lead, most, known, memory, scratch, events,
         a = b
     if looked != b:
         count[step.LISTED] = known
-        end = _apart(plant, drive, t, b, memory, scratch, events, count)
+        end = _move_two_masses(plant, drive, t, b, memory, scratch, events, count)
     return (0.0 if a == d else a), start, b, end
 
 
@@ -938,7 +949,7 @@ def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, c
     finest, state, hidden = _FINEST_LOOK * d, step.spare_memory(), plant.numbers[step.ALLOWED]
     _state_of_one(plant, memory, state)
     start = _push(plant, drive, t, state, side)
-    rate = _pace(plant, drive, t, d, state)[1]
+    rate = _acceleration_bound(plant, drive, t, d, state)[1]
     rate *= plant.numbers[step.INVERSE_MASS] / plant.numbers[step.INVERSE_MOTOR]
     rate += step.drive_rate(drive)
     a, length, force, b, looked = 0.0, d, end, d, d
@@ -947,18 +958,18 @@ def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, c
         if length < d - a:
             looked = b = a + length
             count[step.LISTED] = known
-            force = _joined(plant, drive, t, b, memory, side, scratch, events, count)
+            force = _move_one_mass(plant, drive, t, b, memory, side, scratch, events, count)
         if force < 0.0:
             break
         change = rate * (b - a)
         seen = change * (b - a) * plant.numbers[step.INVERSE_MOTOR] > hidden
         if start + force < change and b - a > 1.01 * finest and seen:
-            length = shorter(b - a, start, rate, finest)
+            length = margin_step(b - a, start, rate, finest)
             continue
         length, a, start = max(2.0 * (b - a), finest), b, force
     if looked != b:
         count[step.LISTED] = known
-        force = _joined(plant, drive, t, b, memory, side, scratch, events, count)
+        force = _move_one_mass(plant, drive, t, b, memory, side, scratch, events, count)
     return b, force
 
 
@@ -966,19 +977,19 @@ def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, c
 def _left(plant, drive, t, d, memory, side, after, scratch, events, count):
     """Contact force at `side` after d; or, of masses apart (0), their gap at `after`."""
     if side != 0.0:
-        return _joined(plant, drive, t, d, memory, side, scratch, events, count)
-    lead = _apart(plant, drive, t, d, memory, scratch, events, count)
+        return _move_one_mass(plant, drive, t, d, memory, side, scratch, events, count)
+    lead = _move_two_masses(plant, drive, t, d, memory, scratch, events, count)
     return plant.numbers[step.HALF_GAP] - after * lead
 
 
 @step.internal
-def _vanishes(
+def _zero_time(
     plant, drive, t, a, fa, b, fb, exact, memory, side, after, known, scratch, events, count
 ):
     """When `_left` falls to zero between a and b, where it is fa and fb."""
     last = 0
     for i in range(100):
-        c = between(a, fa, b, fb)
+        c = secant_point(a, fa, b, fb)
         if b - a <= exact or fb == 0.0 or c == b:
             break
         # The contact force may jump when the load sticks: bisect every fourth time.
@@ -986,7 +997,7 @@ def _vanishes(
             c = 0.5 * (a + b)
         count[step.LISTED] = known
         fc = _left(plant, drive, t, c, memory, side, after, scratch, events, count)
-        a, fa, b, fb, last = narrowed(a, fa, b, fb, last, c, fc)
+        a, fa, b, fb, last = illinois_bracket(a, fa, b, fb, last, c, fc)
     count[step.LISTED] = known
     return b
 
@@ -996,26 +1007,26 @@ def _move_joined(plant, drive, t, d, exact, free, memory, scratch, side, events,
     """Move motor and load in contact over at most d: how long, and the side of contact then."""
     # `free`: whether they may part; the motion ends where the load switches.
     known, half, after = count[step.LISTED], plant.numbers[step.HALF_GAP], side
-    end = _joined(plant, drive, t, d, memory, side, scratch, events, count)
+    end = _move_one_mass(plant, drive, t, d, memory, side, scratch, events, count)
     switch = _first_switch(t, d, memory, scratch, known, events, count)
     if switch < d and free:
         count[step.LISTED], d = known, (1.0 - step.CLOSE) * switch
-        end = _joined(plant, drive, t, d, memory, side, scratch, events, count)
+        end = _move_one_mass(plant, drive, t, d, memory, side, scratch, events, count)
         if end >= 0.0:
             count[step.LISTED], d = known, switch
-            end = _joined(plant, drive, t, d, memory, side, scratch, events, count)
+            end = _move_one_mass(plant, drive, t, d, memory, side, scratch, events, count)
     if free:
         d, end = _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, count)
     if end < 0.0 and free:
         _state_of_one(plant, memory, scratch)
         start, after = _push(plant, drive, t, scratch, side), 0.0
-        d = _vanishes(
+        d = _zero_time(
             plant, drive, t, 0.0, start, d, end, exact * d, memory, side, 0.0, known, scratch,
             events, count,
         )  # fmt: skip
-        _joined(plant, drive, t, d, memory, side, scratch, events, count)
+        _move_one_mass(plant, drive, t, d, memory, side, scratch, events, count)
     offset = -side * half
-    memory[step.X] = scratch[step.X] - (0.0 if _rubs(plant) else offset)
+    memory[step.X] = scratch[step.X] - (0.0 if _motor_has_friction(plant) else offset)
     memory[step.V] = scratch[step.V]
     memory[step.OFFSET], memory[step.SLIP] = offset, 0.0
     return d, after
@@ -1038,12 +1049,12 @@ def _middle_of_flight(plant, drive, t, d, memory, after, scratch, events, count)
 def _move_apart(plant, drive, t, d, shortest, exact, free, memory, scratch, events, count):
     """Move motor and load apart over at most d: how long, and the side on which they meet or 0."""
     # `free`: whether they may meet; the motion ends where the load switches.
-    known, half, rubs = count[step.LISTED], plant.numbers[step.HALF_GAP], _rubs(plant)
-    lead = _apart(plant, drive, t, d, memory, scratch, events, count)
+    known, half, rubs = count[step.LISTED], plant.numbers[step.HALF_GAP], _motor_has_friction(plant)
+    lead = _move_two_masses(plant, drive, t, d, memory, scratch, events, count)
     switch = _first_switch(t, d, memory, scratch, known, events, count)
     if switch < d and d > shortest:
         count[step.LISTED], d = known, switch
-        lead = _apart(plant, drive, t, d, memory, scratch, events, count)
+        lead = _move_two_masses(plant, drive, t, d, memory, scratch, events, count)
     after = 0.0
     if free:
         most = _relative_acceleration(plant, drive, t, d, memory)
@@ -1058,12 +1069,12 @@ def _move_apart(plant, drive, t, d, shortest, exact, free, memory, scratch, even
             if fa <= 0.0:
                 a = b = 0.0
             lead = after * half
-            d = _vanishes(
+            d = _zero_time(
                 plant, drive, t, a, fa, b, fb, exact * d, memory, 0.0, after, known, scratch,
                 events, count,
             )  # fmt: skip
             if d > 0.0:
-                _apart(plant, drive, t, d, memory, scratch, events, count)
+                _move_two_masses(plant, drive, t, d, memory, scratch, events, count)
             else:
                 _state_of_one(plant, memory, scratch)
     moved, speed = _free(plant, drive, memory, d)
@@ -1075,17 +1086,17 @@ def _move_apart(plant, drive, t, d, shortest, exact, free, memory, scratch, even
         memory[step.V] = speed
         memory[step.OFFSET], memory[step.SLIP] = -lead, scratch[step.V] - speed
     if after != 0.0:
-        _collide(plant, t + d, memory, scratch, after)
+        _plastic_impact(plant, t + d, memory, scratch, after)
     return d, after
 
 
 @step.internal
 def _relative_acceleration(plant, drive, t, d, memory):
     """Largest relative acceleration of motor and load, apart."""
-    state, rubs = step.spare_memory(), _rubs(plant)
+    state, rubs = step.spare_memory(), _motor_has_friction(plant)
     _state_of_one(plant, memory, state)
     felt = drive if rubs else step.held_force(0.0)
-    most = _pace(_load_side(plant), felt, t, d, state)[0]
+    most = _acceleration_bound(_load_side(plant), felt, t, d, state)[0]
     if rubs:
         return most
     push = max(abs(drive.start), abs(drive.start + drive.slope * d)) + abs(drive.fade)
@@ -1098,12 +1109,12 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
     # In contact they are one mass until the contact would have to pull.  Apart, the mass without
     # friction moves in closed form and the other one under its own forces, until they meet.
     half, scratch = plant.numbers[step.HALF_GAP], step.spare_memory()
-    tau, side = 0.0, meeting(plant, memory)
+    tau, side = 0.0, contact_side(plant, memory)
     if side != 0.0:
         memory[step.OFFSET] = -side * half
         if memory[step.SLIP] != 0.0:
             _state_of_one(plant, memory, scratch)
-            _collide(plant, t0, memory, scratch, side)
+            _plastic_impact(plant, t0, memory, scratch, side)
     seen, friction, first, side = _seen_play(plant, drive, t0, memory, side)
     v, p = memory[step.V], memory[step.V] + memory[step.SLIP]
     pace = abs(v) + abs(p) + plant.numbers[step.STICK_SPEED]
@@ -1115,7 +1126,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
         # Bound the work and the number of listed switches.
         last_turn = turn == count[step.MOST] - 1
         free = not last_turn and close < step.MOST_CLOSE
-        now, piece = t0 + tau, _later(drive, tau)
+        now, piece = t0 + tau, _shift_drive(drive, tau)
         d = h - tau if last_turn else min(h - tau, plant.numbers[step.SHORT_TIME])
         if side != 0.0:
             d, after = _move_joined(
@@ -1137,7 +1148,7 @@ def _advance_play(plant, drive, t0, h, memory, events, count):
             tau = h
         if after != 0.0 and side == 0.0 and tau < h:
             _state_of_one(plant, memory, scratch)
-            if _push(plant, _later(drive, tau), t0 + tau, scratch, after) < 0.0:
+            if _push(plant, _shift_drive(drive, tau), t0 + tau, scratch, after) < 0.0:
                 after = 0.0
         side = after
     return seen, friction, first
@@ -1152,7 +1163,7 @@ def _seen_play(plant, drive, t, memory, side):
         mode, _, friction, rate = _seen_one(plant, drive, t, scratch)
         if memory[step.SLIP] != 0.0 or _pushes(plant, drive, rate, side) >= 0.0:
             return memory[step.V], friction, mode, side
-    felt = drive if _rubs(plant) else step.held_force(0.0)
+    felt = drive if _motor_has_friction(plant) else step.held_force(0.0)
     mode, _, friction, _ = _seen_one(_load_side(plant), felt, t, scratch)
     return memory[step.V], friction, mode, 0.0
 
@@ -1160,7 +1171,7 @@ def _seen_play(plant, drive, t, memory, side):
 @step.internal
 def _settle(plant, force, inertia, t, memory):
     """Inner states of an axis that has come to rest, or to steady sliding."""
-    carried = inertia if _rubs(plant) else force
+    carried = inertia if _motor_has_friction(plant) else force
     # A play is closed on the side of the drive, a spring carries the drive, and an elastic
     # contact carries the load up to the friction level.
     kind, half = plant.integers[step.STRUCTURE], plant.numbers[step.HALF_GAP]
@@ -1172,7 +1183,10 @@ def _settle(plant, force, inertia, t, memory):
     if kind & step.SPRING:
         memory[step.OFFSET] = -carried / plant.numbers[step.STIFFNESS]
     if kind & step.CONTACT:
-        y, v = memory[step.X] + (0.0 if _rubs(plant) else memory[step.OFFSET]), memory[step.V]
+        y, v = (
+            memory[step.X] + (0.0 if _motor_has_friction(plant) else memory[step.OFFSET]),
+            memory[step.V],
+        )
         w = step.load_under(plant, force, t, y, v, 0.0, memory[step.REST])
         slides = abs(v) > plant.numbers[step.STICK_SPEED]
         s = math.copysign(1.0, v if slides else w)
@@ -1197,7 +1211,7 @@ def _inner_task(
     elif task == step.ADVANCE:
         v, friction, mode = _advance_inner(side, drive, t0, h, memory, events, count)
     elif play:
-        v, friction, mode, _ = _seen_play(plant, drive, t0, memory, meeting(plant, memory))
+        v, friction, mode, _ = _seen_play(plant, drive, t0, memory, contact_side(plant, memory))
     else:
         at, z, before = _masses(memory, two, rubs), memory[step.DEFLECTION], int(memory[step.MODE])
         found = _begin_inner(side, drive, t0, at, z, before, memory[step.REST])

@@ -125,7 +125,8 @@ def _positive_part(mean, sd):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _cell(e, sd):
     """Likelihood, mean and variance of a normal N(0, sd^2) within the cell e -+ 1/2."""
-    a, b = (e - 0.5) / sd, (e + 0.5) / sd
+    a = (e - 0.5) / sd
+    b = (e + 0.5) / sd
     near = min(abs(a), abs(b))
     if near > _TAIL_START and a * b > 0.0:
         # The tails cancel numerically: use a normal reading of the same variance with a
@@ -135,7 +136,8 @@ def _cell(e, sd):
         likelihood = _density(_TAIL_START) / math.sqrt(total) * (_TAIL_START / near) ** 4
         return likelihood, S / total * e, S * _CELL_VARIANCE / total
     mass = max(_normal_probability(b) - _normal_probability(a), 1e-12)
-    pa, pb = _density(a), _density(b)
+    pa = _density(a)
+    pb = _density(b)
     g = (pa - pb) / mass
     return mass, sd * g, sd * sd * max(1.0 + (a * pa - b * pb) / mass - g * g, 1e-6)
 
@@ -163,7 +165,8 @@ def _truncated_moments(share, mean, variance, mass, middle, within):
     """
     # Of a density that is all tail nothing is left, and no mean is asked for.
     total = max(1.0 - share + share * mass, 1e-30)
-    part, rest = share * mass / total, (1.0 - share) / total
+    part = share * mass / total
+    rest = (1.0 - share) / total
     return (
         total,
         part * middle + rest * mean,
@@ -195,13 +198,16 @@ def _scale_state(s, P, k, factor):
 @axis_step.internal
 def _add_state(s, P, i, k, factor):
     """Add `factor` times state k to state i: the covariance of the sum."""
-    both, own = P + max(i, k) * (max(i, k) + 1) // 2 + min(i, k), P + i * (i + 3) // 2
+    both = P + max(i, k) * (max(i, k) + 1) // 2 + min(i, k)
+    own = P + i * (i + 3) // 2
     s[own] += factor * (2.0 * s[both] + factor * s[P + k * (k + 3) // 2])
     for j in range(STATES):
         if j != i:
-            low, high = min(j, k), max(j, k)
+            low = min(j, k)
+            high = max(j, k)
             shared = s[P + high * (high + 1) // 2 + low]
-            low, high = min(i, j), max(i, j)
+            low = min(i, j)
+            high = max(i, j)
             s[P + high * (high + 1) // 2 + low] += factor * shared
 
 
@@ -219,7 +225,8 @@ def _merge(s, source, mode, probability, new):
     s[at] += probability
     share = probability / s[at]
     keep = 1.0 - share
-    P, N = into + COVARIANCE, new + COVARIANCE
+    P = into + COVARIANCE
+    N = new + COVARIANCE
     for i in range(STATES):
         row = i * (i + 1) // 2
         away = keep * share * (s[new + i] - s[into + i])
@@ -237,12 +244,15 @@ def _condition(s, at, column, change, removed, variance):
     The mean of that state changes by `change`; `variance`, its own plus that of the
     measurement noise, is reduced by the fraction `removed`.
     """
-    P, c = at + COVARIANCE, SCRATCH
+    P = at + COVARIANCE
+    c = SCRATCH
     for i in range(STATES):
-        low, high = min(i, column), max(i, column)
+        low = min(i, column)
+        high = max(i, column)
         s[c + i] = s[P + high * (high + 1) // 2 + low] / variance
     for i in range(STATES):
-        row, scaled = P + i * (i + 1) // 2, removed * s[c + i]
+        row = P + i * (i + 1) // 2
+        scaled = removed * s[c + i]
         for j in range(i + 1):
             s[row + j] -= scaled * s[c + j]
         s[at + i] += s[c + i] * change
@@ -256,7 +266,8 @@ def _make_positive(s, at):
     a semidefinite matrix; a row that explains more than its variance is scaled down
     to it.  Therefore no variance grows.
     """
-    P, L = at + COVARIANCE, TRANSFERRED
+    P = at + COVARIANCE
+    L = TRANSFERRED
     rebuild = False
     for i in range(STATES):
         row = i * (i + 1) // 2
@@ -275,7 +286,8 @@ def _make_positive(s, at):
             fit = math.sqrt(s[P + row + i] / (s[P + row + i] - min(pivot, 0.0)))
             for j in range(i):
                 s[L + row + j] *= fit
-            pivot, rebuild = 0.0, True
+            pivot = 0.0
+            rebuild = True
         s[L + row + i] = pivot
     if not rebuild:
         return
@@ -356,7 +368,10 @@ def _predict_sliding(numbers, s, mode, load, level, slope, turns, back):
     v = s[source + V]
     net = load - side * level * (1.0 + s[source + own] + s[source + EXCESS_FORCE])
     ratio = 1.0 + s[source + INVERSE_MASS_ERROR]
-    a12, a22, b1, b2 = numbers[A12], numbers[A22], numbers[B1], numbers[B2]
+    a12 = numbers[A12]
+    a22 = numbers[A22]
+    b1 = numbers[B1]
+    b2 = numbers[B2]
     gain = b2 * ratio
     change = gain * net
     ahead = a22 * v + change
@@ -364,15 +379,21 @@ def _predict_sliding(numbers, s, mode, load, level, slope, turns, back):
     # Covariance A P A' of the first two rows; the others do not change.
     a12 -= b1 * ratio * slope
     a22 -= gain * slope
-    f1, f2 = -side * level * b1 * ratio, -side * level * gain
-    m1, m2 = b1 * net, b2 * net
-    P, N, w = source + COVARIANCE, SLIDING_PREDICTION + COVARIANCE, SCRATCH
+    f1 = -side * level * b1 * ratio
+    f2 = -side * level * gain
+    m1 = b1 * net
+    m2 = b2 * net
+    P = source + COVARIANCE
+    N = SLIDING_PREDICTION + COVARIANCE
+    w = SCRATCH
     for k in range(STATES):
         pv = s[P + (1 if k == 0 else k * (k + 1) // 2 + 1)]
         px = s[P + k * (k + 1) // 2]
-        low, high = min(k, own), max(k, own)
+        low = min(k, own)
+        high = max(k, own)
         po = s[P + high * (high + 1) // 2 + low]
-        low, high = min(k, EXCESS_FORCE), max(k, EXCESS_FORCE)
+        low = min(k, EXCESS_FORCE)
+        high = max(k, EXCESS_FORCE)
         pe = s[P + high * (high + 1) // 2 + low]
         pr = s[P + 15 + k]
         s[w + k] = px + a12 * pv + f1 * (po + pe) + m1 * pr
@@ -489,7 +510,8 @@ def _correct(numbers, s, mode, y, repeated):
         for k in range(COVARIANCE, GAUSSIAN):
             s[at + k] *= grow
         S = s[P] + noise
-        moved, kept = S / (S + _CELL_VARIANCE) * e, S * _CELL_VARIANCE / (S + _CELL_VARIANCE)
+        moved = S / (S + _CELL_VARIANCE) * e
+        kept = S * _CELL_VARIANCE / (S + _CELL_VARIANCE)
     _condition(s, at, X, moved, S - kept, S)
     for k in range(PLUS, STATES):
         if s[P + k * (k + 3) // 2] > _LARGEST_ERROR_VARIANCE:
@@ -518,8 +540,11 @@ def _predict_modes(numbers, plant, memory, s, t, y):
         here = y / numbers[QUANTUM] - s[at + X]
         s[CELL_MASS + mode], _, _ = _cell(here, math.sqrt(s[at + COVARIANCE]))
         s[CELL_MASS + 3 + mode] = 0.0
-    unit, pace = 1.0 / numbers[FORCE], numbers[QUANTUM] / numbers[DT]
-    drive, place, rest = s[DRIVE], 0.5 * (s[READING] + y), memory[REST]
+    unit = 1.0 / numbers[FORCE]
+    pace = numbers[QUANTUM] / numbers[DT]
+    drive = s[DRIVE]
+    place = 0.5 * (s[READING] + y)
+    rest = memory[REST]
     t -= 0.5 * numbers[DT]
     push = w = _load(plant, t, drive, place, 0.0, 0.0, rest)
     hold = (
@@ -556,8 +581,9 @@ def _predict_modes(numbers, plant, memory, s, t, y):
 
 @axis_step.internal
 def _sample(numbers, plant, memory, t, u, y, out, row):
-    s = axis_step.further(memory, LINE + plant.integers[axis_step.N_HISTORY])
-    dt, cell = numbers[DT], y / numbers[QUANTUM]
+    s = axis_step.offset_address(memory, LINE + plant.integers[axis_step.N_HISTORY])
+    dt = numbers[DT]
+    cell = y / numbers[QUANTUM]
     drive = axis_step.input_map(plant, t, memory, u)
     ratio_plus = 0.0
     ratio_minus = 0.0
@@ -577,7 +603,10 @@ def _sample(numbers, plant, memory, t, u, y, out, row):
         e, excess = _correct(numbers, s, mode, cell, repeated)
         total += s[mode]
         if s[mode] > likely:
-            best, likely, surprise, unexpected = mode, s[mode], e, excess
+            best = mode
+            likely = s[mode]
+            surprise = e
+            unexpected = excess
     if best == 0 and total < _REFUTING_PROBABILITY and abs(surprise) > _REFUTING_INNOVATION:
         # No mode explains the reading, and rest least: the axis has moved with a velocity of
         # the order of this innovation, at a friction that is not known.
@@ -642,11 +671,9 @@ def run(numbers, axis_numbers, axis_integers, memory, u, y, known, out):
     """
     own = axis_numbers.copy()
     plant = axis_step.point(own, axis_integers)
-    given, state, rows = (
-        axis_step.pointer(numbers),
-        axis_step.pointer(memory),
-        axis_step.pointer(out),
-    )
+    given = axis_step.pointer(numbers)
+    state = axis_step.pointer(memory)
+    rows = axis_step.pointer(out)
     for k in range(u.shape[0]):
         t = k * numbers[DT]
         if known.shape[0] > 0:

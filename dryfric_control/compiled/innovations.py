@@ -142,7 +142,7 @@ def _slides(plant, drive, t, h, m, x, v, x1, v1, s):
 
 
 @step.internal
-def _coarse(plant, held, t, h, x, v, rest, fall):
+def _coarse_step(plant, held, t, h, x, v, rest, fall):
     """One sample from a sigma point: position, velocity and mode at its end.
 
     Assumes constant acceleration between switches; the error is far below the width of
@@ -209,7 +209,9 @@ def _random_force(plant, t, dt, memory, u, deviation):
         force += plant.numbers[step.STIFFNESS] * memory[step.OFFSET]
         force += plant.numbers[step.DAMPING] * memory[step.SLIP]
     drive = step.held_force(force)
-    x, v, rest = memory[step.X], memory[step.V], memory[step.REST]
+    x = memory[step.X]
+    v = memory[step.V]
+    rest = memory[step.REST]
     w = step.load(plant, drive, t, 0.0, x, v, 0.0, rest)
     total = 0.0
     for s in (1.0, -1.0):
@@ -220,9 +222,9 @@ def _random_force(plant, t, dt, memory, u, deviation):
 
 
 @step.internal
-def _touching(plant, memory):
+def _is_in_contact(plant, memory):
     """Whether motor and load touch across a play and move together."""
-    return elastic.meeting(plant, memory) != 0.0 and memory[step.SLIP] == 0.0
+    return elastic.contact_side(plant, memory) != 0.0 and memory[step.SLIP] == 0.0
 
 
 @step.internal
@@ -241,7 +243,7 @@ def _pulled_off(plant, t, dt, memory, u, deviation):
 
 
 @step.internal
-def _beyond(plant, held, t, x, v, rest):
+def _breakaway_excess(plant, held, t, x, v, rest):
     """Side to which the drive pulls, and its excess over what friction can hold, negative below."""
     w = step.load(plant, held, t, 0.0, x, v, 0.0, rest)
     s = 1.0 if w > 0.0 else -1.0
@@ -255,7 +257,7 @@ def _beyond(plant, held, t, x, v, rest):
 
 
 @step.internal(forceinline=True)
-def _alone(plant):
+def _friction_inverse_mass(plant):
     """Inverse mass of the one of two masses that has the friction."""
     return plant.numbers[plant.integers[step.N_NUMBERS] + step.INVERSE_MASS]
 
@@ -267,7 +269,8 @@ def _settle(plant, t, dt, memory, u, y, k, alike):
     If the motion is not significant, the axis is at rest and its contact is strained by
     the acting force, whatever the scatter of the readings.
     """
-    n, inverse = y.shape[0], plant.numbers[step.INVERSE_MASS]
+    n = y.shape[0]
+    inverse = plant.numbers[step.INVERSE_MASS]
     level = step.base_level(plant, y[k], 1.0)
     w = min(FIRST, max((n - 1) // 2, 1))
     while alike > _SEEN * level * inverse * (w * dt) ** 2 and w <= _LONGEST * FIRST and 8 * w < n:
@@ -276,14 +279,17 @@ def _settle(plant, t, dt, memory, u, y, k, alike):
     way = 0.0
     bend = 0.0
     if n > 2 * w:
-        way, bend = y[a + 2 * w] - y[a], y[a + 2 * w] - 2.0 * y[a + w] + y[a]
-    numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
+        way = y[a + 2 * w] - y[a]
+        bend = y[a + 2 * w] - 2.0 * y[a + w] + y[a]
+    numbers = plant.numbers
+    kind = plant.integers[step.STRUCTURE]
     behind = kind & (step.PLAY | step.SPRING) != 0
     v = 0.0
     bent = 0.0
     inertia = 0.0
     if abs(way) > alike:
-        v, bent = way / (2.0 * w * dt), bend / (w * dt) ** 2
+        v = way / (2.0 * w * dt)
+        bent = bend / (w * dt) ** 2
         # With two masses, the inertia of the load only: it is what the transmission carries.
         inertia = bent / numbers[step.INVERSE_MOTOR] if behind else bent / inverse
         inertia += 0.0 if behind else numbers[step.VISCOUS] * v
@@ -294,7 +300,7 @@ def _settle(plant, t, dt, memory, u, y, k, alike):
         drive = step.drive_now(plant, t, dt, memory, u)
         net = drive - numbers[step.VISCOUS] * v - math.copysign(level, v)
         rubs = kind & step.MOTOR_RUBS != 0
-        alone = net * _alone(plant) if rubs else drive * numbers[step.INVERSE_MOTOR]
+        alone = net * _friction_inverse_mass(plant) if rubs else drive * numbers[step.INVERSE_MOTOR]
         if abs(bent - alone) < abs(bent - net * inverse):
             # The motor moves alone: its position within the play is unknown.
             memory[step.OFFSET], memory[step.SLIP] = 0.0, 0.0 if rubs else -v
@@ -302,7 +308,7 @@ def _settle(plant, t, dt, memory, u, y, k, alike):
 
 
 @step.internal
-def _stayed(y, k, gives):
+def _rest_count(y, k, gives):
     """Number of samples for which the readings have been no farther from reading k than `gives`."""
     j = k
     while j > 0 and abs(y[j - 1] - y[k]) <= gives:
@@ -326,13 +332,15 @@ def _predict_near(
     v_mean = 0.0
     resting = 1.0
     slope = g * p / total if total > 0.0 else 0.0
-    drive, rest = step.drive_now(plant, t, dt, m, 0.5 * (u0 + end)), m[step.REST]
+    drive = step.drive_now(plant, t, dt, m, 0.5 * (u0 + end))
+    rest = m[step.REST]
     doubt = 0.0
     if mode == 0:
-        s, beyond = _beyond(plant, step.held_force(drive), t, x, v, rest)
+        s, beyond = _breakaway_excess(plant, step.held_force(drive), t, x, v, rest)
         # The excess of so many samples that is noise grows as their root.
         pulled = max(pulled + beyond, 0.0) if s == pull else max(beyond, 0.0)
-        over, pull = over + 1 if pulled > beyond else 1, s
+        over = over + 1 if pulled > beyond else 1
+        pull = s
         sure, certain = _MAY_HOLD
         part = (certain - pulled / (deviation * math.sqrt(over))) / (certain - sure)
         doubt = s * max(beyond, 0.0) * min(max(part, 0.0), 1.0) * (1.0 + 1e-9)
@@ -344,12 +352,14 @@ def _predict_near(
         c = _SPEEDS[i] * width
         if i < 4 or plain or doubt != 0.0:
             felt = drive - (doubt if _FORCES[i] == 0.0 else 0.0)
-            x1, v1, mode1 = _coarse(
+            x1, v1, mode1 = _coarse_step(
                 plant, step.held_force(felt + _FORCES[i] * deviation), t, dt,
                 x + slope * c, v + c, rest, fall,
             )  # fmt: skip
         else:
-            x1, v1, mode1 = m[step.X], m[step.V], m[step.MODE]
+            x1 = m[step.X]
+            v1 = m[step.V]
+            mode1 = m[step.MODE]
         if mode1 != 0.0:
             resting = 0.0
         x_mean += _MEANS[i] * x1
@@ -366,14 +376,17 @@ def _predict_near(
     m01 = 0.0
     m11 = 0.0
     for i in range(5):
-        a, b = points[i] - x_mean, points[5 + i] - v_mean
+        a = points[i] - x_mean
+        b = points[5 + i] - v_mean
         if _MEANS[i] == 0.0:
-            a, b = points[i] - points[4], points[5 + i] - points[9]
+            a = points[i] - points[4]
+            b = points[5 + i] - points[9]
         m00 += _WEIGHTS[i] * a * a
         m01 += _WEIGHTS[i] * a * b
         m11 += _WEIGHTS[i] * b * b
     m00 = max(m00, 1e-6 * reading)
-    p, g = m00, m01 / m00
+    p = m00
+    g = m01 / m00
     d = max(m11 - m01 * g, 1e-9 * m11)
     return p, g, d, over, pulled, pull
 
@@ -391,7 +404,9 @@ def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, fi
             x += m[step.OFFSET]  # of the load, on which all forces act
         k1 = _rate(plant, held, t, x, v, float(mode))
         by_x, by_v = _slopes(plant, t, x, v, held, float(mode), dx, k1)
-    calm, x1, v1 = False, x, v
+    calm = False
+    x1 = x
+    v1 = v
     if mode != 0 and plain and (not first or step.is_straight(plant, u0, end)):
         start = step.input_map(plant, t, m, u0)
         stop = start if not first else step.input_map(plant, t, m, end)
@@ -419,11 +434,11 @@ def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, fi
 def _stiff(plant, x, way, z):
     """Stiffness along a way of bristles deflected by z over that of unstrained ones."""
     s = 1.0 if way > 0.0 else -1.0
-    return max(1.0 - s * z / _longest(plant, x, s), 0.0)
+    return max(1.0 - s * z / _deflection_limit(plant, x, s), 0.0)
 
 
 @step.internal
-def _longest(plant, x, s):
+def _deflection_limit(plant, x, s):
     """Largest deflection of a contact for motion along s."""
     level = step.base_level(plant, x, s) * (1.0 + plant.numbers[step.EXCESS])
     return max(level, 1e-300) / plant.numbers[step.CONTACT_STIFFNESS]
@@ -432,15 +447,19 @@ def _longest(plant, x, s):
 @step.internal
 def _swing(by_x, by_v, dt):
     """How position and velocity of a mass on a spring move in one sample."""
-    fall, square = -0.5 * by_v, -by_x - 0.25 * by_v * by_v
+    fall = -0.5 * by_v
+    square = -by_x - 0.25 * by_v * by_v
     if square * dt * dt > 1e-6:
         turn = math.sqrt(square)
         still = math.exp(-fall * dt)
-        cosine, sine = still * math.cos(turn * dt), still * math.sin(turn * dt) / turn
+        cosine = still * math.cos(turn * dt)
+        sine = still * math.sin(turn * dt) / turn
     elif square * dt * dt < -1e-6:
         turn = math.sqrt(-square)
-        slow, fast = math.exp((turn - fall) * dt), math.exp(-(turn + fall) * dt)
-        cosine, sine = 0.5 * (slow + fast), 0.5 * (slow - fast) / turn
+        slow = math.exp((turn - fall) * dt)
+        fast = math.exp(-(turn + fall) * dt)
+        cosine = 0.5 * (slow + fast)
+        sine = 0.5 * (slow - fast) / turn
     else:
         cosine = math.exp(-fall * dt)
         sine = dt * cosine
@@ -462,8 +481,11 @@ def _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d):
         f11 = 1.0 + z * (1.0 + 0.5 * z)
         f01 = dt * (1.0 + 0.5 * z)
     h = min(max(by_x * dt * dt, -1.0), 1.0)
-    f00, f10, f11 = 1.0 + 0.5 * h, h / dt * (f01 / dt), f11 + 0.5 * h
-    along, across = f00 + f01 * g, f10 + f11 * g
+    f00 = 1.0 + 0.5 * h
+    f10 = h / dt * (f01 / dt)
+    f11 = f11 + 0.5 * h
+    along = f00 + f01 * g
+    across = f10 + f11 * g
     m00 = along * along * p + f01 * f01 * d
     m01 = along * across * p + f01 * f11 * d
     det = (f00 * f11 - f01 * f10) ** 2 * p * d
@@ -472,7 +494,8 @@ def _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d):
         m00 += creep
     g = m01 / m00
     d = det / m00
-    b0, b1 = 0.5 * dt * dt * inverse, dt * inverse
+    b0 = 0.5 * dt * dt * inverse
+    b1 = dt * inverse
     moved = b1 - g * b0
     # Rank-one update: the determinant grows by variance b' adj(M) b.
     d_new = d * m00 + variance * (m00 * moved * moved + d * b0 * b0)
@@ -482,7 +505,7 @@ def _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d):
 
 
 @step.internal
-def _swung(by_x, by_v, gives, keeps, dt, inverse, variance, p, g, d, c0, c1, anchor):
+def _elastic_covariance(by_x, by_v, gives, keeps, dt, inverse, variance, p, g, d, c0, c1, anchor):
     """Covariance after one sample on an elastic contact, with the place where it is unstrained.
 
     `by_x`, `by_v`: slopes of the acceleration with the deflection and the velocity; the deflection
@@ -491,20 +514,26 @@ def _swung(by_x, by_v, gives, keeps, dt, inverse, variance, p, g, d, c0, c1, anc
     """
     f00, f01, f10, f11 = _swing(gives * by_x, by_v, dt)
     if gives > 1e-6:
-        pull0, pull1 = (f00 - 1.0) / gives, f10 / gives
+        pull0 = (f00 - 1.0) / gives
+        pull1 = f10 / gives
     else:
-        pull0, pull1 = 0.5 * by_x * dt * dt, by_x * f01
-    b0, b1 = pull0 / by_x * inverse, f01 * inverse
+        pull0 = 0.5 * by_x * dt * dt
+        pull1 = by_x * f01
+    b0 = pull0 / by_x * inverse
+    b1 = f01 * inverse
     # Of position x, velocity v, deflection z.
     vv, xv, xz, vz, zz = d + g * g * p, g * p, p - c0, g * p - c1, p - 2.0 * c0 + anchor
-    on_x, on_v = p + f01 * xv + pull0 * xz, f11 * xv + pull1 * xz
-    x_z, v_z = xz + f01 * vz + pull0 * zz, f11 * vz + pull1 * zz
+    on_x = p + f01 * xv + pull0 * xz
+    on_v = f11 * xv + pull1 * xz
+    x_z = xz + f01 * vz + pull0 * zz
+    v_z = f11 * vz + pull1 * zz
     x_v = xv + f01 * vv + pull0 * vz
     m00 = on_x + f01 * x_v + pull0 * x_z
     m01 = f11 * x_v + pull1 * x_z
     m11 = f11 * (f11 * vv + pull1 * vz) + pull1 * v_z
     zz = keeps * keeps * zz + gives * (2.0 * keeps * (x_z - xz) + gives * (m00 - 2.0 * on_x + p))
-    xz, vz = keeps * x_z + gives * (m00 - on_x), keeps * v_z + gives * (m01 - on_v)
+    xz = keeps * x_z + gives * (m00 - on_x)
+    vz = keeps * v_z + gives * (m01 - on_v)
     det = max(m00 * m11 - m01 * m01, 1e-9 * m00 * m11)
     # What a random force bends does not all come back: it bends them by 1/gives, and back by
     # 1/(2 - gives), half of the time.
@@ -512,19 +541,22 @@ def _swung(by_x, by_v, gives, keeps, dt, inverse, variance, p, g, d, c0, c1, anc
     creep = 0.5 * variance * bends * bends
     det += creep * m11
     m00 += creep
-    g, d = m01 / m00, det / m00
+    g = m01 / m00
+    d = det / m00
     moved = b1 - g * b0
     d_new = d * m00 + variance * (m00 * moved * moved + d * b0 * b0)
     m01 = g * m00 + variance * b0 * b1
     m00 += variance * b0 * b0
-    xz, vz = xz + gives * variance * b0 * b0, vz + gives * variance * b0 * b1
+    xz = xz + gives * variance * b0 * b0
+    vz = vz + gives * variance * b0 * b1
     zz += gives * gives * variance * b0 * b0
-    c0, c1 = m00 - xz, m01 - vz
+    c0 = m00 - xz
+    c1 = m01 - vz
     return m00, m01 / m00, d_new / m00, c0, c1, max(2.0 * c0 - m00 + zz, 0.0)
 
 
 @step.internal
-def _turned(p, g, d):
+def _swap_states(p, g, d):
     """The same covariance with the states in the other order."""
     total = d + g * g * p
     if total <= 0.0:
@@ -536,11 +568,12 @@ def _turned(p, g, d):
 def _velocity(plant, t, m, dx):
     """Rate of change of what the encoder reads."""
     on_load = plant.integers[step.STRUCTURE] & step.ON_LOAD != 0
-    x, v = m[step.X], m[step.V] + (m[step.SLIP] if on_load else 0.0)
+    x = m[step.X]
+    v = m[step.V] + (m[step.SLIP] if on_load else 0.0)
     if plant.integers[step.N_READING] > 0:
-        here = step.reading(plant, t, m)
+        here = step.encoder_reading(plant, t, m)
         m[step.X] = x + dx
-        v *= (step.reading(plant, t, m) - here) / (m[step.X] - x)
+        v *= (step.encoder_reading(plant, t, m) - here) / (m[step.X] - x)
         m[step.X] = x
     return v
 
@@ -582,9 +615,10 @@ def _begin(plant, m, t0, dt, rested, u0, y, v0, place, alike):
 
 
 @step.internal
-def _gives(plant, x, alike):
+def _stuck_motion(plant, x, alike):
     """Farthest that the encoder can move while friction holds what it acts on."""
-    numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
+    numbers = plant.numbers
+    kind = plant.integers[step.STRUCTURE]
     level = step.base_level(plant, x, 1.0)
     if kind & step.PLAY:
         alike += 2.0 * numbers[step.HALF_GAP]
@@ -596,11 +630,13 @@ def _gives(plant, x, alike):
 
 
 @step.internal
-def _across(m, on_load, x, v, moved, turned):
+def _correct_play(m, on_load, x, v, moved, turned):
     """Corrected motion across a play: a reading says nothing about the mass without the encoder."""
     if on_load:
-        x, v = x - moved, v - turned
-        moved, turned = -moved, -turned
+        x = x - moved
+        v = v - turned
+        moved = -moved
+        turned = -turned
     m[step.OFFSET] -= moved
     m[step.SLIP] -= turned
     return x, v
@@ -620,12 +656,12 @@ def _not_as_predicted(
     if plant.integers[step.STRUCTURE] != 0:
         # The inner states were wrong: set them from the readings.
         off = _settle(plant, t + dt, dt, m, end, y, k, alike)
-        x = m[step.X] + y[k] - step.reading(plant, t + dt, m)
+        x = m[step.X] + y[k] - step.encoder_reading(plant, t + dt, m)
         v = m[step.V]
         m[step.MODE] = 0.0
         if v == 0.0:
-            m[step.REST] = _stayed(y, k, gives) * dt
-        two_masses.joined(cov, spot, off * off, strain, 1.0)
+            m[step.REST] = _rest_count(y, k, gives) * dt
+        two_masses.rigid_covariance(cov, spot, off * off, strain, 1.0)
         if fast:
             return reading, kept, False, x, v, 0.0, off * off, 0.0, spot
         return 0.0, kept, False, x, v, 0.0, spot, 0.0, off * off
@@ -645,7 +681,7 @@ def _not_as_predicted(
 
 
 @step.internal
-def _fastest(y, least):
+def _largest_increment(y, least):
     """Largest step from one reading to the next, at least `least`."""
     for k in range(1, y.shape[0]):
         least = max(least, abs(y[k] - y[k - 1]))
@@ -653,16 +689,17 @@ def _fastest(y, least):
 
 
 @step.internal(forceinline=True)
-def _held(plant, x, z):
+def _clip_deflection(plant, x, z):
     """Deflection of bristles up to what they hold: they would let go of it only along a way."""
     s = math.copysign(1.0, z)
-    return s * min(s * z, _longest(plant, x, s))
+    return s * min(s * z, _deflection_limit(plant, x, s))
 
 
 @step.internal
 def _may_break_away(cov, variance, dt, inverse):
     """Add to the covariance of two masses what a random force does that moves the first one."""
-    by_x, by_v = 0.5 * dt * dt * inverse, dt * inverse
+    by_x = 0.5 * dt * dt * inverse
+    by_v = dt * inverse
     cov[0, 0] += variance * by_x * by_x
     cov[0, 1] += variance * by_x * by_v
     cov[1, 0] = cov[0, 1]
@@ -718,7 +755,8 @@ def innovations(
     out : ndarray, shape (2, n)
         Receives innovations and their variances; variance 0 where there is none.
     """
-    n, place = y.shape[0], np.nan
+    n = y.shape[0]
+    place = np.nan
     scale = FIRST * dt if w.shape[0] > 0 else 1.0
     alike = scale * max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
     if integers[step.STRUCTURE] & step.PLAY and abs(y[min(FIRST, n - 1)] - y[0]) <= alike:
@@ -735,7 +773,8 @@ def innovations(
             )  # fmt: skip
             here = cost_of(out, good, FIRST + 1, stop)
             if here < least:
-                least, place = here, one
+                least = here
+                place = one
     _innovations(
         numbers, integers, size, u, known, y, w, good, t0, rested, dt, first, force, reading, cell,
         span, state, out, n, place,
@@ -755,14 +794,16 @@ def _innovations(
     # One array, which the loop keeps alive: an array handed on would be counted at each call.
     memory = np.zeros(size + step.ROOM + 10)
     m = step.pointer(memory)
-    events, points = step.further(m, size), step.further(m, size + step.ROOM)
-    count = step.tally(memory[size : size + step.ROOM], step.FEW_SWITCHES)
+    events = step.offset_address(m, size)
+    points = step.offset_address(m, size + step.ROOM)
+    count = step.empty_tally(memory[size : size + step.ROOM], step.FEW_SWITCHES)
     counted = step.pointer(count)
     structure = integers[step.STRUCTURE]
     contact = structure & step.CONTACT != 0
     bristles = contact and numbers[step.BRISTLES] != 0.0
     on_load = structure & step.ON_LOAD != 0
-    play, spring = structure & step.PLAY != 0, structure & step.SPRING != 0 and not on_load
+    play = structure & step.PLAY != 0
+    spring = structure & step.SPRING != 0 and not on_load
     at_once = numbers[step.DELAY] <= 0.0 and numbers[step.LAG] <= 0.0
     plain = structure == 0 and at_once
     at_once = at_once and structure & ~step.CONTACT == 0
@@ -773,32 +814,47 @@ def _innovations(
     fast = w.shape[0] > 0
     at, scale = (1, FIRST * dt) if fast else (0, 1.0)
     spot = scale * scale * reading
-    farthest = _FASTER * _fastest(y, _FASTER * scale * cell)
+    farthest = _FASTER * _largest_increment(y, _FASTER * scale * cell)
     begin = min(FIRST, n - 1)
     v0 = (y[begin] - y[0]) / (begin * dt)
-    still, alike = 0, scale * max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
+    still = 0
+    alike = scale * max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
     _begin(plant, m, t0, dt, rested, u[0], y, v0, place, alike)
-    rubs, on_motor = two_masses.rubbing(structure), structure & step.MOTOR_RUBS != 0
+    rubs = two_masses.friction_state(structure)
+    on_motor = structure & step.MOTOR_RUBS != 0
     two = spring or (play and not on_load)
     inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
-    p, g = spot, 0.0
+    p = spot
+    g = 0.0
     d = 0.1 * v0 * v0 + 4.0 * spot / (begin * dt) ** 2 + force * (dt * inverse) ** 2
-    level, gives = step.base_level(plant, y[0], 1.0), _gives(plant, y[0], alike)
+    level = step.base_level(plant, y[0], 1.0)
+    gives = _stuck_motion(plant, y[0], alike)
     n_states = 5 if contact else 4
-    cov, work = np.zeros((n_states, n_states)), np.zeros((n_states, n_states))
-    slides, rests, strain = cov, cov, 0.0
+    cov = np.zeros((n_states, n_states))
+    work = np.zeros((n_states, n_states))
+    slides = cov
+    rests = cov
+    strain = 0.0
     if spring:
-        slides, rests = two_masses.transition(plant, dt, 1.0), two_masses.transition(plant, dt, 0.0)
+        slides = two_masses.transition(plant, dt, 1.0)
+        rests = two_masses.transition(plant, dt, 0.0)
         # A load at rest may pull at the spring with any force that friction holds.
         strain = (level / numbers[step.STIFFNESS]) ** 2 / 3.0
-        two_masses.joined(cov, p, d, 0.0 if memory[step.MODE] != 0.0 else strain, memory[step.MODE])
-    row, side, kept = 0, 0.0, False
+        two_masses.rigid_covariance(
+            cov, p, d, 0.0 if memory[step.MODE] != 0.0 else strain, memory[step.MODE]
+        )
+    row = 0
+    side = 0.0
+    kept = False
     over = 1
     pulled = 0.0
     pull = 0.0
     # The unstrained position of a sticking contact is as uncertain as the position was when it
     # stopped: its covariances with position and velocity, and its variance.
-    strained, c0, c1, anchor = False, 0.0, 0.0, 0.0
+    strained = False
+    c0 = 0.0
+    c1 = 0.0
+    anchor = 0.0
     # At the start of a record it may have any strain that friction holds: a uniform distribution.
     held = contact and memory[step.MODE] == 0.0
     unknown = (level / numbers[step.CONTACT_STIFFNESS]) ** 2 / 3.0 if held else 0.0
@@ -810,11 +866,14 @@ def _innovations(
         if known.shape[0] > 0:
             step.set_known_force(plant, t, dt, known, k - 1, first)
         end = u[k] if first else u[k - 1]
-        x, v, mode = memory[step.X], memory[step.V], int(memory[step.MODE])
+        x = memory[step.X]
+        v = memory[step.V]
+        mode = int(memory[step.MODE])
         before = v = v + memory[step.SLIP] if on_load else v
         # Motor and load that touch across a play are one mass.
-        two = play and not on_load and not _touching(plant, m)
-        loose, two = two and on_motor, two and not on_motor
+        two = play and not on_load and not _is_in_contact(plant, m)
+        loose = two and on_motor
+        two = two and not on_motor
         inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
         if mode == 0 and not contact and abs(v) > numbers[step.STICK_SPEED]:
             mode = 1 if v > 0.0 else -1
@@ -844,7 +903,9 @@ def _innovations(
             )  # fmt: skip
         elif spring:
             stops = contact and not sliding and not strained
-            unknown = two_masses.stopped(cov, rubs, unknown) if stops else unknown * (not sliding)
+            unknown = (
+                two_masses.stick_contact(cov, rubs, unknown) if stops else unknown * (not sliding)
+            )
             strained = contact and not sliding
             count[0] = 0
             step.sample(plant, t, dt, u[k - 1], end, m, events, counted)
@@ -853,7 +914,7 @@ def _innovations(
             pinned = rubs if memory[step.MODE] == 0.0 and not contact else -1
             two_masses.predict(slides if moves else rests, cov, force, pinned, work)
             if pinned == 0:
-                _may_break_away(cov, variance, dt, _alone(plant))
+                _may_break_away(cov, variance, dt, _friction_inverse_mass(plant))
             p = cov[0, 0] = cov[0, 0] + (_CREEP if pinned == 0 else 1e-6) * spot
         else:
             by_x, by_v, gives_way = _predict(
@@ -863,21 +924,28 @@ def _innovations(
                 variance = force
             if two:
                 # Across the play nothing holds the motor.
-                by_x, by_v, variance = 0.0, 0.0, force
+                by_x = 0.0
+                by_v = 0.0
+                variance = force
             if loose:
-                lighter = _alone(plant) / inverse if sliding else 1.0
-                by_x, by_v, inverse = lighter * by_x, lighter * by_v, _alone(plant)
+                lighter = _friction_inverse_mass(plant) / inverse if sliding else 1.0
+                by_x = lighter * by_x
+                by_v = lighter * by_v
+                inverse = _friction_inverse_mass(plant)
             sticking = contact and not sliding and not two
             unknown = 0.0 if sliding else unknown
             if sticking and not strained:
-                c0, c1, anchor, unknown = p, g * p, p + unknown, 0.0
+                c0 = p
+                c1 = g * p
+                anchor = p + unknown
+                unknown = 0.0
             strained = sticking
             if sticking:
                 keeps = 1.0
                 if bristles:
                     way = numbers[step.CONTACT_STIFFNESS] * abs(memory[step.X] - x)
                     keeps = math.exp(-way / level)
-                p, g, d, c0, c1, anchor = _swung(
+                p, g, d, c0, c1, anchor = _elastic_covariance(
                     by_x, by_v, gives_way, keeps, dt, inverse, variance, p, g, d, c0, c1, anchor
                 )
             else:
@@ -887,7 +955,8 @@ def _innovations(
                 g = 0.0
                 d = 0.0
         # Reading.
-        x, v = memory[step.X], memory[step.V]
+        x = memory[step.X]
+        v = memory[step.V]
         v_free = v
         out[0, k] = 0.0
         out[1, k] = 0.0
@@ -895,15 +964,18 @@ def _innovations(
             if (scale * abs(w[k]) if fast else abs(y[k] - y[still])) > alike:
                 if kept:
                     # The axis has broken away, at an unknown velocity.
-                    kept, g, d = False, 0.0, (alike / dt) ** 2
+                    kept = False
+                    g = 0.0
+                    d = (alike / dt) ** 2
                 still = k
             if fast:
                 e = w[k] - _velocity(plant, t + dt, m, dx)
                 by = w[k] - e - before
-                p, g, d = (cov[1, 1], g, d) if spring else _turned(p, g, d)
+                p, g, d = (cov[1, 1], g, d) if spring else _swap_states(p, g, d)
                 c0, c1 = c1, c0
             else:
-                e, by = y[k] - step.reading(plant, t + dt, m), v * dt
+                e = y[k] - step.encoder_reading(plant, t + dt, m)
+                by = v * dt
             s = p + reading
             e, outside, counts = _in_cell(e, by, cell, reading)
             out[0, k], out[1, k] = outside, reading + counts * p
@@ -927,7 +999,8 @@ def _innovations(
                 _tells_of_load(m, cov, at, rubs, strained, e / (p + noise))
                 g = cov[1, 0] / p
                 two_masses.correct(cov, at, p + noise, work)
-            gain, to_anchor = p / (p + noise), 0.0
+            gain = p / (p + noise)
+            to_anchor = 0.0
             if strained and not spring:
                 to_anchor = counts * c0 / (p + noise)
                 anchor = max(anchor - to_anchor * c0, 0.0)
@@ -936,16 +1009,16 @@ def _innovations(
             state[4, k], state[5, k] = by_x, by_v
             p = gain * noise
             if fast:
-                p, g, d = _turned(p, g, d)
+                p, g, d = _swap_states(p, g, d)
                 c0, c1 = c1, c0
             x += by_x * e
             v += by_v * e
-            if play and not _touching(plant, m):
-                x, v = _across(m, on_load, x, v, by_x * e, by_v * e)
+            if play and not _is_in_contact(plant, m):
+                x, v = _correct_play(m, on_load, x, v, by_x * e, by_v * e)
             memory[step.X], memory[step.V] = x, v
             if contact and not spring and memory[step.MODE] == 0.0:
                 z = memory[step.DEFLECTION] + by_x * e - to_anchor * outside
-                memory[step.DEFLECTION] = _held(plant, x, z) if bristles else z
+                memory[step.DEFLECTION] = _clip_deflection(plant, x, z) if bristles else z
         if not (abs(x - y[0]) < _LOST * span and abs(v) * dt < farthest):
             out[0, k:n], out[1, k:n] = np.inf, 1.0
             return

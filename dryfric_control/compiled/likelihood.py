@@ -44,9 +44,12 @@ def cost(out, active):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def profiled(out, active, turns):
+def profile_cost(out, active, turns):
     """`cost` with one factor of all variances fitted in some turns; nan without a number."""
-    ratios, count, logs, product = np.empty(out.shape[1]), 0, 0.0, 1.0
+    ratios = np.empty(out.shape[1])
+    count = 0
+    logs = 0.0
+    product = 1.0
     for k in range(out.shape[1]):
         s = out[1, k]
         if active[k] and s > 0.0:
@@ -58,12 +61,14 @@ def profiled(out, active, turns):
                 logs += math.log(product) + math.log(s)
                 product = 1.0
     logs += math.log(product)
-    factor, ratios = 1.0, ratios[:count]
+    factor = 1.0
+    ratios = ratios[:count]
     for _ in range(turns):
         total = 0.0
         for ratio in ratios:
             total += (FREEDOM + 1.0) / (FREEDOM + ratio / factor) * ratio
-        before, factor = factor, max(total / max(count, 1), 1e-12)
+        before = factor
+        factor = max(total / max(count, 1), 1e-12)
         if abs(factor - before) < 1e-4 * before:
             break
     spread = 0.0
@@ -127,9 +132,11 @@ def normal_terms(out, active, edges, slope, g, h):
                 continue
             e = out[0, k] / math.sqrt(s)
             weight = (FREEDOM + 1.0) / (FREEDOM + e * e)
-            pull, spread = weight * e, 1.0 - weight * e * e
+            pull = weight * e
+            spread = 1.0 - weight * e * e
             for i in range(p):
-                de, ds = slope[i, 0, k], slope[i, 1, k]
+                de = slope[i, 0, k]
+                ds = slope[i, 1, k]
                 if de == 0.0 and ds == 0.0:
                     continue
                 g[b, i] += pull * de + spread * ds

@@ -29,19 +29,26 @@ class Recursion(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
-def respond(force, reading, r, out):
+def innovation_change(force, reading, r, out):
     """Change of the innovations if the model gains forces and reading errors, shape (n or 0, c)."""
     n, c = out.shape
-    forced, read = force.shape[0] == n, reading.shape[0] == n
-    x, v = np.zeros(c), np.zeros(c)
+    forced = force.shape[0] == n
+    read = reading.shape[0] == n
+    x = np.zeros(c)
+    v = np.zeros(c)
     fast = r.rate > 0.0
     out[0] = 0.0
     for k in range(1, n):
         s = r.slide[k]
-        a01, a11, c0, c1 = s * r.f01, s * r.f11, s * r.b0, s * r.b1
-        g1, g2 = r.k1[k], r.k2[k]
+        a01 = s * r.f01
+        a11 = s * r.f11
+        c0 = s * r.b0
+        c1 = s * r.b1
+        g1 = r.k1[k]
+        g2 = r.k2[k]
         for j in range(c):
-            here, there = x[j] + a01 * v[j], a11 * v[j]
+            here = x[j] + a01 * v[j]
+            there = a11 * v[j]
             if forced:
                 here += c0 * force[k - 1, j]
                 there += c1 * force[k - 1, j]
@@ -57,7 +64,8 @@ def respond(force, reading, r, out):
 def adjoint(weights, r):
     """Slopes of sum(weights * innovations) with the force and the reading of each sample."""
     n = weights.size
-    force, reading = np.zeros(n), np.zeros(n)
+    force = np.zeros(n)
+    reading = np.zeros(n)
     px = pv = 0.0
     for k in range(n - 1, 0, -1):
         s = r.slide[k]
@@ -77,7 +85,8 @@ def adjoint(weights, r):
 @njit(cache=True)
 def play(x, gap):
     """Position behind a play of a total width `gap`, shape (n,)."""
-    y, half = np.empty(x.size), 0.5 * gap
+    y = np.empty(x.size)
+    half = 0.5 * gap
     y[0] = x[0]
     for k in range(1, x.size):
         y[k] = min(max(y[k - 1], x[k] - half), x[k] + half)

@@ -45,10 +45,11 @@ def control_update(gains, memory, reference, y):
 @axis_step.internal
 def advance_plant(plant, k, dt, state, u, disturbance, y, events, count, out):
     """Sample k of a closed loop with the axis, into column k of `out`."""
-    t, force = k * dt, u + disturbance
+    t = k * dt
+    force = u + disturbance
     if k == 0:
         state[axis_step.MODE] = axis_step.outputs(plant, t, dt, state, force)[2]
-    out[0, k], out[4, k], out[5, k] = axis_step.reading(plant, t, state), u, y
+    out[0, k], out[4, k], out[5, k] = axis_step.encoder_reading(plant, t, state), u, y
     out[1, k], out[2, k], out[3, k] = axis_step.sample(
         plant, t, dt, force, force, state, axis_step.pointer(events), axis_step.pointer(count)
     )
@@ -64,14 +65,15 @@ def run_loop(
     """
     plant = axis_step.point(numbers, integers)
     state = axis_step.pointer(memory)
-    control, past = axis_step.pointer(gains), axis_step.pointer(controller)
+    control = axis_step.pointer(gains)
+    past = axis_step.pointer(controller)
     n = reference.shape[0]
     events = np.empty(64 * room)
-    count = axis_step.tally(events)
+    count = axis_step.empty_tally(events)
     for k in range(n):
         if 3 * count[axis_step.LISTED] + room > events.shape[0]:
             events = axis_step.longer_list(events, count)
-        y = encode(axis_step.reading(plant, k * dt, state), quantum)
+        y = encode(axis_step.encoder_reading(plant, k * dt, state), quantum)
         u = control_update(control, past, reference[k], y)
         advance_plant(plant, k, dt, state, u, disturbance[k], y, events, count, out)
-    return axis_step.located(events, count[axis_step.LISTED]), count[axis_step.LOST]
+    return axis_step.switch_rows(events, count[axis_step.LISTED]), count[axis_step.LOST]

@@ -122,7 +122,8 @@ def _corrected_level(plant, t, memory, w, y, mode):
 @njit(cache=True, error_model="numpy")
 def _mode_of_automaton(numbers, plant, t, memory, w, y):
     """Mode by the automaton (paper, Fig. 2) on (u, y, vhat), as printed or completed."""
-    mode, v = int(memory[MODE]), memory[VHAT]
+    mode = int(memory[MODE])
+    v = memory[VHAT]
     above = w > _nominal_level(plant, t, memory, w, y, 1.0)
     below = w < -_nominal_level(plant, t, memory, w, y, -1.0)
     if mode == 0:
@@ -177,7 +178,8 @@ def _addresses(numbers, matrices, gains, transitions, axis_numbers, axis_integer
 @axis_step.internal(forceinline=True)
 def _mode_and_friction(tables, memory, t, u, y):
     """Friction estimate, net force without friction, nominal friction, drive behind effects."""
-    plant, numbers = tables.plant, tables.numbers
+    plant = tables.plant
+    numbers = tables.numbers
     drive = axis_step.input_map(plant, t, memory, u)
     seen = mean_drive(plant, numbers[DT], memory, drive)
     first = memory[NODE] == 0.0
@@ -199,7 +201,8 @@ def _mode_and_friction(tables, memory, t, u, y):
         memory[REST] = 0.0
         w = _load(plant, t, memory, seen, y, float(mode))
     if numbers[CURRENT]:
-        g, error = 3 * (int(memory[NODE]) - 1), y - memory[XHAT]
+        g = 3 * (int(memory[NODE]) - 1)
+        error = y - memory[XHAT]
         memory[XHAT] += tables.gains[g] * error
         memory[VHAT] += tables.gains[g + 1] * error
         memory[WHAT] += tables.gains[g + 2] * error
@@ -212,11 +215,18 @@ def _mode_and_friction(tables, memory, t, u, y):
 @axis_step.internal(forceinline=True)
 def _predict(tables, memory, w, nominal, drive, y):
     """Advance the estimate by (7), or without its correction; `memory` in place."""
-    numbers, matrices, gains = tables.numbers, tables.matrices, tables.gains
-    mode, node = int(memory[MODE]), int(memory[NODE]) - 1
-    x, v, integral = memory[XHAT], memory[VHAT], memory[WHAT]
-    error, force = 0.0 if numbers[CURRENT] else y - x, w - nominal
-    a, g = COLUMNS * (mode + 1), 3 * node
+    numbers = tables.numbers
+    matrices = tables.matrices
+    gains = tables.gains
+    mode = int(memory[MODE])
+    node = int(memory[NODE]) - 1
+    x = memory[XHAT]
+    v = memory[VHAT]
+    integral = memory[WHAT]
+    error = 0.0 if numbers[CURRENT] else y - x
+    force = w - nominal
+    a = COLUMNS * (mode + 1)
+    g = 3 * node
     memory[XHAT] = (
         x + matrices[a + A12] * v + matrices[a + B1] * force + matrices[a + E1] * integral
         + gains[g] * error
@@ -259,9 +269,10 @@ def run(
     """
     own = axis_numbers.copy()
     tables = _addresses(numbers, matrices, gains, transitions, own, axis_integers)
-    state, rows = axis_step.pointer(memory), axis_step.pointer(out)
+    state = axis_step.pointer(memory)
+    rows = axis_step.pointer(out)
     for k in range(u.shape[0]):
         if known.shape[0] > 0:
             axis_step.set_known_force(tables.plant, k * numbers[DT], numbers[DT], known, k, False)
         _sample(tables, state, k * numbers[DT], u[k], y[k], rows, OUTPUTS * k)
-    axis_step.keep(own)
+    axis_step.keep_alive(own)

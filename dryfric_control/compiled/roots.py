@@ -13,7 +13,7 @@ _GROW = 3.0
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def between(a, fa, b, fb):
+def secant_point(a, fa, b, fb):
     """Next point in (a, b), by the secant or in the middle; b if there is no number between."""
     # A value at `a` that is not positive (a root at the start) gives no secant.
     c = (fa * b - fb * a) / (fa - fb) if fa > 0.0 else a
@@ -23,7 +23,7 @@ def between(a, fa, b, fb):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def narrowed(a, fa, b, fb, side, c, fc):
+def illinois_bracket(a, fa, b, fb, side, c, fc):
     """Bracket after an evaluation at c, by the Illinois rule: fa is positive, fb is not."""
     # The value at an end that stays twice is halved; `side`: the end that moved last, 0 at first.
     if fc > 0.0:
@@ -32,7 +32,7 @@ def narrowed(a, fa, b, fb, side, c, fc):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def shorter(length, margin, rate, finest):
+def margin_step(length, margin, rate, finest):
     """Length of a stretch to look at instead of one in which a margin may vanish."""
     # To the first instant at which it may, given its largest rate, or to half of the stretch.
     first = min(margin / rate, 0.9 * length) if rate > 0.0 else 0.0
@@ -40,12 +40,12 @@ def shorter(length, margin, rate, finest):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def smaller(d, allowed, error):
+def smaller_step(d, allowed, error):
     """Step length after one of length d whose error, of order 5, was too large."""
     return d * max(_SHRINK, _SAFETY * (allowed / error) ** 0.2)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def larger(d, allowed, error):
+def larger_step(d, allowed, error):
     """Step length after one of length d whose error, of order 5, was allowed."""
     return d * min(_GROW, _SAFETY * (allowed / max(error, 1e-300)) ** 0.2)

@@ -66,7 +66,8 @@ def _friction(law, level, s, v, z):
 @step.internal
 def _rates(plant, law, drive, t0, tau, s, y, out):
     """Derivatives of the state `y`, shape (3,), into `out`; friction is returned."""
-    x, v = y[0], y[1]
+    x = y[0]
+    v = y[1]
     w = step.load(plant, drive, t0, tau, x, v, s, 0.0)
     level = step.sliding_level(plant, t0 + tau, x, v, w, s)
     friction, rate = _friction(law, level, s, v, y[2])
@@ -86,7 +87,8 @@ def _jacobian(plant, law, drive, t0, tau, y, unit, h, slopes, work):
     # The side is kept: a difference across v = 0 would be of neither branch.
     s = _side(y[1])
     for i in range(3):
-        kept, nudge = y[i], _NUDGE * (unit[i] + abs(y[i]))
+        kept = y[i]
+        nudge = _NUDGE * (unit[i] + abs(y[i]))
         y[i] = kept + nudge
         _rates(plant, law, drive, t0, tau, s, y, work[0])
         y[i] = kept - nudge
@@ -102,7 +104,7 @@ def _jacobian(plant, law, drive, t0, tau, y, unit, h, slopes, work):
 
 
 @step.internal
-def _solved(slopes, q, right, out):
+def _solve_stage(slopes, q, right, out):
     """Solution `out` of (q - J) out = right for a Jacobian whose first row is (0, 1, 0)."""
     bristles = q - slopes[2, 2]
     coupled = slopes[2, 1] / bristles
@@ -127,7 +129,7 @@ def _stride(plant, law, drive, t0, tau, y, h, slopes, stages, at, work):
             for k in range(i):
                 right += _C[i, k] / h * stages[k, j]
             work[1, j] = right
-        _solved(slopes, 1.0 / (h * _GAMMA), work[1], stages[i])
+        _solve_stage(slopes, 1.0 / (h * _GAMMA), work[1], stages[i])
     for j in range(3):
         at[j] += stages[5, j]
 
@@ -153,8 +155,12 @@ def _factor(error):
 @step.internal
 def _sample(plant, law, drive, t0, dt, y, unit, tolerance, length, longest, rows):
     """Move the state over one sample, in place; the length of the next step, 0: too short."""
-    slopes, stages, work, at = rows[:4], rows[4:10], rows[10:12], rows[12]
-    tau, known = 0.0, False
+    slopes = rows[:4]
+    stages = rows[4:10]
+    work = rows[10:12]
+    at = rows[12]
+    tau = 0.0
+    known = False
     while tau < dt:
         whole = length >= (1.0 - _SHORTEST) * (dt - tau)
         h = dt - tau if whole else length
@@ -184,21 +190,27 @@ def run(numbers, integers, law, starts, ends, dt, y, unit, tolerance, longest, s
     velocity; `out`: x, v, F and direction, shape (4, n).
     """
     plant = step.point(numbers, integers)
-    rows, memory, length = np.empty((13, 3)), np.zeros(2), min(dt, longest)
+    rows = np.empty((13, 3))
+    memory = np.zeros(2)
+    length = min(dt, longest)
     for n in range(starts.size):
-        t0, side = n * dt, _side(y[1])
+        t0 = n * dt
+        side = _side(y[1])
         memory[0], memory[1] = y[0], y[1]
         out[0, n], out[1, n], out[3, n] = y[0], y[1], side if abs(y[1]) > slow else 0.0
         # The drive is linear between the inputs at which the laws on it bend.
-        part, rise = 0.0, ends[n] - starts[n]
+        part = 0.0
+        rise = ends[n] - starts[n]
         after = step.input_map(plant, t0, step.pointer(memory), starts[n])
         while part < 1.0:
             following = step.next_corner(plant, starts[n], ends[n], part) if rise != 0.0 else 1.0
-            begin, h = after, (following - part) * dt
+            begin = after
+            h = (following - part) * dt
             after = step.input_map(
                 plant, t0, step.pointer(memory), starts[n] + following * rise
             )  # fmt: skip
-            drive, at = step.Drive(begin, (after - begin) / h, 0.0, 0.0), t0 + part * dt
+            drive = step.Drive(begin, (after - begin) / h, 0.0, 0.0)
+            at = t0 + part * dt
             if part == 0.0:
                 out[2, n] = _rates(plant, law, drive, t0, 0.0, side, y, rows[0])
             length = _sample(plant, law, drive, at, h, y, unit, tolerance, length, longest, rows)

@@ -2,7 +2,7 @@
 
 Its four states are position and velocity of the motor and the same of the load; with an elastic
 contact the position at which the contact is unstrained is a fifth.  One of the masses has the
-friction, see `rubbing`.
+friction, see `friction_state`.
 """
 # mypy: disallow-untyped-defs=False
 
@@ -17,7 +17,7 @@ _SQUARED = 6
 
 
 @step.internal(forceinline=True)
-def rubbing(kind):
+def friction_state(kind):
     """State that is the position of the mass with friction."""
     return 0 if kind & step.MOTOR_RUBS else 2
 
@@ -26,12 +26,16 @@ def rubbing(kind):
 def transition(plant, dt, mode):
     """How n states, and two random forces, move in one sample, shape (n + 2, n + 2)."""
     # The last two rows and columns: random forces on the free mass and on that with friction.
-    numbers, kind = plant.numbers, plant.integers[step.STRUCTURE]
-    stiffness, damping = numbers[step.STIFFNESS], numbers[step.DAMPING]
+    numbers = plant.numbers
+    kind = plant.integers[step.STRUCTURE]
+    stiffness = numbers[step.STIFFNESS]
+    damping = numbers[step.DAMPING]
     free = numbers[step.INVERSE_MOTOR]
     rubs = numbers[plant.integers[step.N_NUMBERS] + step.INVERSE_MASS]
-    contact, b = kind & step.CONTACT != 0, rubbing(kind)
-    n, a = 5 if contact else 4, 2 - b
+    contact = kind & step.CONTACT != 0
+    b = friction_state(kind)
+    n = 5 if contact else 4
+    a = 2 - b
     rates = np.zeros((n + 2, n + 2))
     rates[a, a + 1] = 1.0
     rates[a + 1, a], rates[a + 1, a + 1] = -stiffness * free, -damping * free
@@ -47,7 +51,8 @@ def transition(plant, dt, mode):
         rates[b + 1, 4] = holds * rubs
         rates[b + 1, b + 1] -= numbers[plant.integers[step.N_NUMBERS] + step.STICK_RATE]
     # exp(rates dt) by squaring.
-    moves, term = np.eye(n + 2), np.eye(n + 2)
+    moves = np.eye(n + 2)
+    term = np.eye(n + 2)
     rates *= dt / 2.0**_SQUARED
     for i in range(1, 6):
         term = term @ rates / i
@@ -81,7 +86,7 @@ def predict(moves, cov, force, pinned, work):
 
 
 @step.internal
-def stopped(cov, at, unknown):
+def stick_contact(cov, at, unknown):
     """Set a contact that begins to stick in cov; its strain is uncertain by `unknown` besides."""
     for i in range(5):
         cov[4, i] = cov[at, i]
@@ -103,7 +108,7 @@ def correct(cov, at, variance, work):
 
 
 @step.internal
-def joined(cov, place, speed, strain, mode):
+def rigid_covariance(cov, place, speed, strain, mode):
     """Covariance of two masses that move as one, by variances; `strain`: of their distance."""
     cov[:] = 0.0
     cov[0, 0] = cov[0, 2] = cov[2, 0] = place

@@ -111,7 +111,7 @@ def _run_of(axis):
     numbers = axis.numbers.copy()
     plant = axis_step.point(numbers, axis.integers)
     events = np.empty(axis_step.ROOM)
-    count = axis_step.tally(events, axis_step.FEW_SWITCHES)
+    count = axis_step.empty_tally(events, axis_step.FEW_SWITCHES)
     return _Run(numbers, plant, np.zeros(axis.memory), events, count)
 
 
@@ -122,34 +122,36 @@ def _input(u, k, end):
 
 
 @axis_step.internal
-def _held(plant, state, u, k, end):
+def _mapped_input(plant, state, u, k, end):
     """Drive of sample k after the input map."""
     return axis_step.input_map(plant, 0.0, state, _input(u, k, end))
 
 
 @axis_step.internal
-def _lagged(plant, w, k, state):
+def _lag_state(plant, w, k, state):
     """Lagged drive at sample k, from the inputs of the ten time constants before."""
-    u, dt = w.u, w.dt
-    lag, delay = plant.numbers[axis_step.LAG], plant.numbers[axis_step.DELAY]
+    u = w.u
+    dt = w.dt
+    lag = plant.numbers[axis_step.LAG]
+    delay = plant.numbers[axis_step.DELAY]
     whole = int(delay / dt)
     part = delay / dt - whole
     back = min(k, int(10.0 * lag / dt) + whole + 2)
-    value = _held(plant, state, u, k - back - whole, 0)
+    value = _mapped_input(plant, state, u, k - back - whole, 0)
     for i in range(k - back, k):
         # The older input acts during the fraction of the sample covered by the delay.
-        old = _held(plant, state, u, i - whole - 1, 0)
-        new = _held(plant, state, u, i - whole, 0)
+        old = _mapped_input(plant, state, u, i - whole - 1, 0)
+        new = _mapped_input(plant, state, u, i - whole, 0)
         if w.first:
             old = 0.5 * (old + new)
-            new = 0.5 * (new + _held(plant, state, u, i - whole, 1))
+            new = 0.5 * (new + _mapped_input(plant, state, u, i - whole, 1))
         value = old + (value - old) * np.exp(-part * dt / lag)
         value = new + (value - new) * np.exp(-(1.0 - part) * dt / lag)
     return value
 
 
 @axis_step.internal
-def _keep(memory, inner):
+def _copy_inner(memory, inner):
     """Copy the inner states at one instant into `inner`."""
     inner[0], inner[1] = memory[axis_step.DEFLECTION], memory[axis_step.OFFSET]
     inner[2], inner[3] = memory[axis_step.SLIP], memory[axis_step.MODE]
@@ -172,7 +174,10 @@ def _begin(run, w, i, x0, v0, inner):
     The last entry of `inner` is the time at rest.  The previous run knows it more
     precisely than the readings: it contains the instant of the stop.
     """
-    plant, memory, a, rest = run.plant, run.memory, w.edges[i], w.rest[i]
+    plant = run.plant
+    memory = run.memory
+    a = w.edges[i]
+    rest = w.rest[i]
     state = axis_step.pointer(memory)
     if w.known.shape[0] > 0:
         axis_step.set_known_force(plant, w.t0 + a * w.dt, w.dt, w.known, a, w.first)
@@ -186,11 +191,11 @@ def _begin(run, w, i, x0, v0, inner):
         memory[axis_step.HISTORY + 2 * j] = _input(w.u, a - 1 - j, 0)
         memory[axis_step.HISTORY + 2 * j + 1] = _input(w.u, a - 1 - j, end)
     if plant.numbers[axis_step.LAG] > 0.0:
-        memory[axis_step.LAGGED] = _lagged(plant, w, a, state)
+        memory[axis_step.LAGGED] = _lag_state(plant, w, a, state)
     if plant.integers[axis_step.STRUCTURE] != 0:
         if np.isnan(inner[0]):
             axis_step.settle(plant, w.t0 + a * w.dt, w.dt, state, w.u[a])
-            _keep(memory, inner)
+            _copy_inner(memory, inner)
         _restore(plant, inner, memory)
         if plant.integers[axis_step.STRUCTURE] & axis_step.ON_LOAD:
             # The start state is that of the load.
@@ -227,11 +232,15 @@ def _free_run(run, w, i, x0, v0, inner, out):
     `inner` contains the inner states at the start; those one sample after the end,
     which are passed on, are left in run.memory.
     """
-    memory, a, b, last = run.memory, w.edges[i], w.edges[i + 1], w.u.shape[0] - 1
+    memory = run.memory
+    a = w.edges[i]
+    b = w.edges[i + 1]
+    last = w.u.shape[0] - 1
     _begin(run, w, i, x0, v0, inner)
     state = axis_step.pointer(memory)
-    switches, counted = axis_step.pointer(run.events), axis_step.pointer(run.count)
-    out[a] = axis_step.reading(run.plant, w.t0 + a * w.dt, state)
+    switches = axis_step.pointer(run.events)
+    counted = axis_step.pointer(run.count)
+    out[a] = axis_step.encoder_reading(run.plant, w.t0 + a * w.dt, state)
     for k in range(a, b):
         run.count[0] = 0
         end = w.u[min(k + 1, last)] if w.first else w.u[k]
@@ -240,13 +249,13 @@ def _free_run(run, w, i, x0, v0, inner, out):
             axis_step.set_known_force(run.plant, t, w.dt, w.known, k, w.first)
         axis_step.sample(run.plant, t, w.dt, w.u[k], end, state, switches, counted)
         if k + 1 < b:
-            out[k + 1] = axis_step.reading(run.plant, w.t0 + (k + 1) * w.dt, state)
+            out[k + 1] = axis_step.encoder_reading(run.plant, w.t0 + (k + 1) * w.dt, state)
 
 
 @axis_step.internal
 def _end(memory, after):
     """Copy what a run passes on: its inner states and its time at rest."""
-    _keep(memory, after)
+    _copy_inner(memory, after)
     at_rest = memory[axis_step.MODE] == 0.0
     after[axis_step.N_INNER] = memory[axis_step.REST] if at_rest else 0.0
 
@@ -259,7 +268,7 @@ def _copy(source, a, b, target):
 
 
 @axis_step.internal
-def _needed(active, linked, i):
+def _must_run(active, linked, i):
     """Whether a window must run: requested, or linked to a next one that is."""
     return active[i] or (linked and i + 1 < active.shape[0] and active[i + 1])
 
@@ -295,8 +304,11 @@ def _cost(w, i, out, dx, dv, scale):
 @axis_step.internal
 def _start_terms(w, i, scale, dx, dv, errors, by_x, by_v):
     """Normal equations of a window's start state, (xx, xv, vv, gx, gv), prior included."""
-    xx, xv, vv = (scale / w.x_error[i]) ** 2, 0.0, (scale / w.v_error[i]) ** 2
-    gx, gv = xx * dx, vv * dv
+    xx = (scale / w.x_error[i]) ** 2
+    xv = 0.0
+    vv = (scale / w.v_error[i]) ** 2
+    gx = xx * dx
+    gv = vv * dv
     for k in range(w.edges[i], w.edges[i + 1]):
         xx += by_x[k] * by_x[k]
         xv += by_x[k] * by_v[k]
@@ -313,12 +325,16 @@ def _search_start(run, w, i, search, rounds, dx, dv, inner, scratch, out, tried,
     Leaves the run in out[a:b] and the inner states at its end in `after`.
     """
     errors, by_x, by_v = scratch
-    a, b, scale = w.edges[i], w.edges[i + 1], search.scale
-    x0, v0 = w.x0[i], w.v0[i]
+    a = w.edges[i]
+    b = w.edges[i + 1]
+    scale = search.scale
+    x0 = w.x0[i]
+    v0 = w.v0[i]
     _free_run(run, w, i, x0 + dx, v0 + dv, inner, out)
     _end(run.memory, after)
     cost = _cost(w, i, out, dx, dv, scale)
-    hx, hv = _SLOPE * w.x_error[i], _SLOPE * w.v_error[i]
+    hx = _SLOPE * w.x_error[i]
+    hv = _SLOPE * w.v_error[i]
     for _ in range(rounds):
         if search.uniform:
             by_x[a:b] = 1.0
@@ -344,13 +360,16 @@ def _search_start(run, w, i, search, rounds, dx, dv, inner, scratch, out, tried,
                 break
             fell = 0.0
             for part in _PARTS:
-                tx, tv = dx + part * sx, dv + part * sv
+                tx = dx + part * sx
+                tv = dv + part * sv
                 _free_run(run, w, i, x0 + tx, v0 + tv, inner, tried)
                 new = _cost(w, i, tried, tx, tv, scale)
                 if new < cost:
                     fell = cost - new
                     again = again or fell > _NEW_SLOPES * promised
-                    dx, dv, cost = tx, tv, new
+                    dx = tx
+                    dv = tv
+                    cost = new
                     _copy(tried, a, b, out)
                     _end(run.memory, after)
                     break
@@ -370,13 +389,21 @@ def project(axis, w, search, at):
     make the cost rugged, and from other positions of the load in its play.
     """
     run = _run_of(axis)
-    n_inner, n = axis_step.N_INNER, w.x.shape[0]
-    inner, after, other = np.full(n_inner + 1, np.nan), np.empty(n_inner + 1), np.empty(n_inner + 1)
-    out, tried, better = np.empty(n), np.empty(n), np.empty(n)
-    scratch, starts = (np.empty(n), np.empty(n), np.empty(n)), at.starts
+    n_inner = axis_step.N_INNER
+    n = w.x.shape[0]
+    inner = np.full(n_inner + 1, np.nan)
+    after = np.empty(n_inner + 1)
+    other = np.empty(n_inner + 1)
+    out = np.empty(n)
+    tried = np.empty(n)
+    better = np.empty(n)
+    scratch = (np.empty(n), np.empty(n), np.empty(n))
+    starts = at.starts
     for i in range(w.edges.shape[0] - 1):
-        a, b, active = w.edges[i], w.edges[i + 1], search.active[i]
-        if not _needed(search.active, search.linked, i):
+        a = w.edges[i]
+        b = w.edges[i + 1]
+        active = search.active[i]
+        if not _must_run(search.active, search.linked, i):
             inner[:] = np.nan
             continue
         _inner_at(run, w, i, starts[2, i], inner)
@@ -385,7 +412,9 @@ def project(axis, w, search, at):
         found = _search_start(
             run, w, i, search, turns, starts[0, i], starts[1, i], inner, scratch, out, tried, after
         )
-        best, width, place = starts[2, i], 2.0 / (_PLACES - 1), np.nan
+        best = starts[2, i]
+        width = 2.0 / (_PLACES - 1)
+        place = np.nan
         tries = search.offsets.shape[0] if active else 0
         play = run.plant.integers[axis_step.STRUCTURE] & axis_step.PLAY != 0
         for turn in range(tries + (_PLACES + _CLOSER if play and tries > 0 else 0)):
@@ -436,7 +465,7 @@ def accelerations(numbers, integers, t, x, v, u, known, direction, out):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def strained(x, distance, share, bristles, out):
+def contact_deflection(x, distance, share, bristles, out):
     """Deflection of an elastic contact along a motion, over that at which it slides."""
     for k in range(x.shape[0]):
         way = (x[k] - x[k - 1]) / distance if k > 0 else 0.0
@@ -454,17 +483,20 @@ def behind_drive_and_encoder(axis, t0, dt, u, first, y, force, x):
 
     The positions at which the encoder reads y go into `x`.
     """
-    plant, memory = axis_step.point(axis.numbers, axis.integers), np.zeros(axis.memory)
-    state, last = axis_step.pointer(memory), u.shape[0] - 1
-    lag, delay = plant.numbers[axis_step.LAG], plant.numbers[axis_step.DELAY] / dt
+    plant = axis_step.point(axis.numbers, axis.integers)
+    memory = np.zeros(axis.memory)
+    state = axis_step.pointer(memory)
+    last = u.shape[0] - 1
+    lag = plant.numbers[axis_step.LAG]
+    delay = plant.numbers[axis_step.DELAY] / dt
     whole = int(delay)
     part = delay - whole
-    lagged = _held(plant, state, u, 0, 0)
+    lagged = _mapped_input(plant, state, u, 0, 0)
     for k in range(last + 1):
         mean = 0.0
         for late, share in ((whole, 1.0 - part), (whole + 1, part)):
-            start = _held(plant, state, u, k - late, 0)
-            end = _held(plant, state, u, k - late, 1) if first else start
+            start = _mapped_input(plant, state, u, k - late, 0)
+            end = _mapped_input(plant, state, u, k - late, 1) if first else start
             mean += 0.5 * share * (start + end)
         if lag > 0.0:
             new = mean + (lagged - mean) * np.exp(-dt / lag)

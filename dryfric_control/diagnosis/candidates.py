@@ -98,14 +98,17 @@ def shown_range(
     owner, _, own = name.partition(".")
     effect = effect_class(owner)
     item = effect.parameters()[own]
-    kind, unit = item["kind"], item["unit"]
+    kind = item["kind"]
+    unit = item["unit"]
     if kind == "share":
         # A very light mass would vibrate over thousands of steps while the other rests.
         return KINDS["share"]
     if kind == "place":
-        low, high = min(float(r.x.min()) for r in records), max(float(r.x.max()) for r in records)
+        low = min(float(r.x.min()) for r in records)
+        high = max(float(r.x.max()) for r in records)
         room = _TRAVEL_MARGIN * (high - low)
-        return min([low - room, *(travel or ())]), max([high + room, *(travel or ())])
+        ends = travel or ()
+        return min([low - room, *ends]), max([high + room, *ends])
     dt = float(np.median([r.dt for r in records]))
     if kind == "time":
         return MIN_VISIBLE_DELAY * dt, _MAX_DELAY_FRACTION * max(r.duration for r in records)

@@ -72,7 +72,8 @@ def cause_of(
 
 def hardly_determined(axis: FrictionAxis, causes: Sequence[Cause]) -> list[str]:
     """A message for each parameter that is hardly determined, beside its or the nominal value."""
-    messages, present = [], named(axis)
+    messages = []
+    present = named(axis)
     for cause in causes:
         kinds = effect_class(cause.effect).parameters()
         for name, value in cause.parameters.items():
@@ -93,7 +94,8 @@ def causes_of(
 ) -> list[Cause]:
     """Causes of a model, those with most evidence first, and wrong base parameters."""
     problem = search.problem
-    errors, units = final.standard_errors(), {p.name: p.unit for p in final.problem.parameters}
+    errors = final.standard_errors()
+    units = {p.name: p.unit for p in final.problem.parameters}
     if problem.scale_open:
         errors |= {
             n: math.hypot(errors[n], BASE_LOG_DEVIATION * abs(v))
@@ -126,10 +128,12 @@ def _effects_of(
     alternatives: Mapping[str, Sequence[str]],
 ) -> list[Cause]:
     """The effects of a model as causes, those with most evidence first."""
-    problem, found = search.problem, []
+    problem = search.problem
+    found = []
     for name in sorted(model.causes, key=lambda n: -model.worth.get(n, 0.0)):
-        own = {n.partition(".")[2]: n for n in model.own(name) if n in fitted}
-        less, fall = model.less.get(name), np.zeros(1)
+        own = {n.partition(".")[2]: n for n in model.cause_parameters(name) if n in fitted}
+        less = model.less.get(name)
+        fall = np.zeros(1)
         if less is not None and less.fit.point.out:
             fall = less.fit.held_out() - model.fit.held_out()
         fall = fall[np.isfinite(fall)]
@@ -171,7 +175,8 @@ def _wrong_base(
     search: Search, model: Model, final: Solution, fitted: Mapping[str, tuple[float, float, str]]
 ) -> list[Cause]:
     """Base parameters with a notable and significant error, as causes."""
-    problem, found = search.problem, []
+    problem = search.problem
+    found = []
     for name in (n for n in problem.base if n in fitted):
         nominal, (value, spread, _) = problem.nominal[name], fitted[name]
         effect, _, part = name.partition(".")
@@ -195,7 +200,8 @@ def _wrong_base(
 
 def _differ_in_scale(problem: Problem, *two: Cause) -> bool:
     """Whether two values are off by different factors: the same one brings both to nominal."""
-    ratios, errors = [], []
+    ratios = []
+    errors = []
     for cause in two:
         ((name, value),) = cause.parameters.items()
         unit = problem.nominal.get(name) or 1e-300
@@ -211,16 +217,17 @@ def _alternative_effects(search: Search, final: Solution, cause: Cause) -> tuple
     problem = replace(search.problem, known=(*search.problem.known, *cause.parameters))
     other = Search(problem, odds=dict(search.odds))
     among = other.rivals_of_base(final)
-    rows = other.round(Model(other.alone()), final, among) if among else []
+    rows = other.round(Model(other.fit_nominal()), final, among) if among else []
     alone = (row for row in rows if len(row.names) == 1 and not row.reason)
     return tuple(row.names[0] for row in alone if row.fit.cost < final.cost + EQUAL_EVIDENCE)
 
 
 def _load_does_the_same(problem: Problem, model: Model, final: Solution, held: str) -> bool:
     """Whether load-dependent friction, with base parameter `held` at nominal, fits as well."""
-    if _LOAD not in REGISTRY or _LOAD in model.causes or problem.late:
+    if _LOAD not in REGISTRY or _LOAD in model.causes or problem.is_overdue:
         return False
-    values, nominal = final.values(), problem.nominal[held]
+    values = final.values()
+    nominal = problem.nominal[held]
     shares = [p.name for p in final.problem.parameters if p.kind == "share"]
     scale = nominal / values[held]
     if held == "mass" and shares:  # of the load in the mass
@@ -255,34 +262,14 @@ def varying_parameters(
 ) -> tuple[dict[str, dict[str, list[float]]], Solution]:
     """Parameters that differ between records, with standard errors, and the fit with them."""
     count = len(problem.runs)
-    now, own = final, list(problem.own)
-    free = problem.free_of(final)
-    names = [n for n in dict.fromkeys((*BASE, *free)) if n not in problem.known]
-    penalty = 0.5 * math.log(problem.samples) * (count - 1)
-    while count > 1 and not problem.late:
-        best: tuple[float, str, Solution] | None = None
-        for name in (n for n in names if n not in own):
-            one = replace(problem, own=(*own, name))
-            base = [n for n in BASE if n in names and (n in final.problem.names or n == name)]
-            settings = {"base": base, "wonder": False, "each": each_of(now)}
-            # Most parameters do not differ; a few iterations show it.
-            fit = one.fit(final.axis, free, noises_of(final), FIRST_ITERATIONS, **settings)
-            if now.cost - fit.cost + 3.0 * fit.promised < penalty:
-                continue
-            fit = one.fit(
-                fit.axis,
-                free,
-                noises_of(fit),
-                COMPARISON_ITERATIONS,
-                **settings | {"each": each_of(fit)},
-            )
-            worth = evidence(now, fit, [penalty])
-            if worth > (best[0] if best else 0.0) and _is_determined(now, fit):
-                best = worth, name, fit
+    now = final
+    own = problem.own
+    while count > 1 and not problem.is_overdue:
+        best = _next_varying(replace(problem, own=own), final, now)
         if best is None:
             break
-        own.append(best[1])
-        now = best[2]
+        own = (*own, best[0])
+        now = best[1]
     both = {"values": now.values(), "standard_errors": now.standard_errors()}
     table = {
         n: {what: [found[f"{n}@{i}"] for i in range(count)] for what, found in both.items()}
@@ -291,9 +278,60 @@ def varying_parameters(
     return table, now
 
 
+def _next_varying(problem: Problem, final: Solution, now: Solution) -> tuple[str, Solution] | None:
+    """Parameter that differs most between records beside those that do in `now`, and its fit."""
+    names = [n for n in (*BASE, *problem.free_of(final)) if n not in problem.known]
+    penalty = 0.5 * math.log(problem.samples) * (len(problem.runs) - 1)
+    most = 0.0
+    best: tuple[str, Solution] | None = None
+    for name in dict.fromkeys(names):
+        if name in problem.own:
+            continue
+        one = replace(problem, own=(*problem.own, name))
+        base = [n for n in BASE if n in names and (n in final.problem.names or n == name)]
+        fit = _varying_fit(one, final, now, base, penalty)
+        if fit is None:
+            continue
+        worth = evidence(now, fit, [penalty])
+        if worth > most and _is_determined(now, fit):
+            most = worth
+            best = name, fit
+    return best
+
+
+def _varying_fit(
+    problem: Problem, final: Solution, now: Solution, base: Sequence[str], penalty: float
+) -> Solution | None:
+    """Fit with one more record-specific parameter than `now`; None if records do not need it."""
+    free = problem.free_of(final)
+    # Most parameters do not differ; a few iterations show it.
+    fit = problem.fit(
+        final.axis,
+        free,
+        noises_of(final),
+        FIRST_ITERATIONS,
+        base=base,
+        wonder=False,
+        each=each_of(now),
+    )
+    if now.cost - fit.cost + 3.0 * fit.promised < penalty:
+        return None
+    return problem.fit(
+        fit.axis,
+        free,
+        noises_of(fit),
+        COMPARISON_ITERATIONS,
+        base=base,
+        wonder=False,
+        each=each_of(fit),
+    )
+
+
 def _is_determined(less: Solution, more: Solution) -> bool:
     """Whether a further record-specific parameter leaves the others determined, and is itself."""
-    before, after, values = less.standard_errors(), more.standard_errors(), more.values()
+    before = less.standard_errors()
+    after = more.standard_errors()
+    values = more.values()
     new = [n for n in after if "@" in n and n not in before]
     differ = float(np.ptp([values[n] for n in new]))
     known = all(after[n] < 2.0 * before[n] for n in before if "@" in n)
@@ -308,7 +346,7 @@ def changing_cause(search: Search, model: Model, final: Solution) -> str:
     falls = {"": search.problem.nominal_fit.cost - final.cost + prior_of(final)}
     own = {"": {*final.problem.names}} | {name: {name} for name in BASE}
     for name in model.causes:
-        own[name], less = {*model.own(name)}, model.less.get(name)
+        own[name], less = {*model.cause_parameters(name)}, model.less.get(name)
         if less is not None:
             falls[name] = less.fit.cost - prior_of(less.fit) - model.fit.cost + prior_of(model.fit)
     halves = {name: final.in_halves(names) for name, names in own.items()}
@@ -326,7 +364,8 @@ def changing_cause(search: Search, model: Model, final: Solution) -> str:
 
 def scale_forces(axis: FrictionAxis, scale: float) -> FrictionAxis:
     """The axis that moves alike: every force, and the gain of the drive, times `scale`."""
-    gain, effects = scale, []
+    gain = scale
+    effects = []
     for effect in axis.effects:
         if isinstance(effect, InputGain):
             gain *= effect.gain
@@ -336,9 +375,11 @@ def scale_forces(axis: FrictionAxis, scale: float) -> FrictionAxis:
     if not math.isclose(gain, 1.0):
         effects.insert(0, InputGain(gain))
     return axis.replace(
-        mass=scale * axis.mass, viscous=scale * axis.viscous,
-        coulomb=axis.coulomb.scaled(scale), effects=effects,
-    )  # fmt: skip
+        mass=scale * axis.mass,
+        viscous=scale * axis.viscous,
+        coulomb=axis.coulomb.scaled(scale),
+        effects=effects,
+    )
 
 
 def equivalent_axis(

@@ -46,6 +46,6 @@ def prior_of(fit: Solution) -> float:
     return fit.problem.prior(fit.z)
 
 
-def surprises(fit: Solution) -> FloatArray:
+def nominal_error_costs(fit: Solution) -> FloatArray:
     """What each wrong nominal value of a fit costs as an assumption of its own."""
     return fit.problem.nominal_error_costs(fit.z)

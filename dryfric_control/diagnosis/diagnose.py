@@ -58,7 +58,7 @@ from dryfric_control.estimation.plausibility import (
 )
 from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FINAL_ITERATIONS, maximise
 from dryfric_control.estimation.solution import Solution
-from dryfric_control.estimation.windows import Windows, cut, shifted
+from dryfric_control.estimation.windows import Windows, cut, delay_input
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.progress import ProgressLine
@@ -223,7 +223,8 @@ def diagnose(
     limit = math.inf if time_limit is None else positive("time_limit", time_limit, unit="s")
     known, tolerance = checked_knowledge(known, tolerance)
     axis = axis.effective()
-    several, records = isinstance(record, (list, tuple)), list(checked_records(record))
+    several = isinstance(record, (list, tuple))
+    records = list(checked_records(record))
     window = _window(axis, records) if window is None else window
     windows = []
     for i, one in enumerate(records):
@@ -239,10 +240,15 @@ def diagnose(
                 on_update(step, tuple(causes))
 
         problem = Problem(
-            axis, tuple(prepare(r, mass=axis.mass) for r in records), known, tolerance,
-            hold=hold, jobs=jobs,
-            until=begun + (1.0 - ANSWER_TIME_FRACTION) * limit, windows=tuple(windows),
-        )  # fmt: skip
+            axis,
+            tuple(prepare(r, mass=axis.mass) for r in records),
+            known,
+            tolerance,
+            hold=hold,
+            jobs=jobs,
+            until=begun + (1.0 - ANSWER_TIME_FRACTION) * limit,
+            windows=tuple(windows),
+        )
         # Candidates are fitted in parallel: threads of the linear algebra would only wait.
         with threadpool_limits(1, user_api="blas"):
             return _search_and_judge(problem, records, windows, window, tell, begun + limit)
@@ -259,8 +265,9 @@ def _search_and_judge(
     """Search for causes, judge what they explain, and describe them."""
     tell("base parameters")
     search, model, interrupted = _search(problem, tell)
-    late = search.problem.late
-    message = [_INTERRUPTED] if interrupted else [LATE] if late else []
+    message = [LATE] if search.problem.is_overdue else []
+    if interrupted:
+        message = [_INTERRUPTED]
     answer = functools.partial(
         _Answer, search, model, problem.runs, records, windows, window, tell, end
     )
@@ -327,7 +334,8 @@ class _Answer:
                 self.problem, self.model, final, rivals, self.causes, self.records[0]
             )
         causes = [*self.causes, *self.varies]
-        search, samples = self.search, self.problem.samples
+        search = self.search
+        samples = self.problem.samples
         return Diagnosis(
             axis=self.problem.believed,
             record=self.records[0],
@@ -352,7 +360,8 @@ class _Answer:
 
     def _final_fit(self) -> Solution:
         """The model fitted to all data; without a lead of the input that is too short to be one."""
-        problem, final = self.problem, self.model.fit
+        problem = self.problem
+        final = self.model.fit
         if self.finished and not final.promised < CONVERGED_GAIN:
             # With slopes that switches belong to: near the end those of a recursion creep.  And
             # from a large random force, with which the cost is smooth.
@@ -378,7 +387,7 @@ class _Answer:
         self.messages.append(
             f"the recorded input acts {early} before its time stamp: d.record has it shifted"
         )
-        self.records = [r.replace(u=shifted(r.u, shift / r.dt)) for r in self.records]
+        self.records = [r.replace(u=delay_input(r.u, shift / r.dt)) for r in self.records]
         self.windows = [cut(r, self.window, self.problem.hold) for r in self.records]
 
     def _judge_fit(self, fit: Solution) -> None:
@@ -441,10 +450,11 @@ class _Answer:
             found.append(_MUTED)
         if problem.scale_open:
             found.append(_RATIOS)
-        if problem.imposed:
+        if problem.is_imposed:
             found += [_IMPOSED] + [_ONE_VELOCITY] * problem.steady
         pairs = zip(self.recorded, problem.runs, strict=True)
-        noise = math.sqrt(np.mean(np.concatenate([a.u - b.u for a, b in pairs]) ** 2))
+        differences = np.concatenate([a.u - b.u for a, b in pairs])
+        noise = math.sqrt(np.mean(differences**2))
         if noise > 0.0:
             unit = problem.believed.units[1]
             found.append(
@@ -455,7 +465,8 @@ class _Answer:
 
     def _remaining_force(self) -> Remaining:
         """The random force that is left, if free runs show one."""
-        left, unit = self.found.left, self.problem.believed.units[1]
+        left = self.found.left
+        unit = self.problem.believed.units[1]
         if left.significant or shows(self.problem, self.heard):
             return remaining_force(self.heard, left.significant, left.where, unit)
         return Remaining(unit=unit)
@@ -464,7 +475,7 @@ class _Answer:
 def _reference_costs(problem: Problem) -> dict[str, float]:
     """Costs of the models that an answer must beat."""
     costs = {"nominal axis": problem.nominal_fit.cost}
-    if not problem.imposed:
+    if not problem.is_imposed:
         costs["straight line"] = problem.straight_line.cost
     return costs
 
@@ -485,7 +496,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         if found is not None:
             return *found, False
         search = Search(problem, tell, search.not_tried, now=search.now)
-        begun = search.alone()
+        begun = search.fit_nominal()
         # The least smoothing: a smoother input may hide that it does not cause the motion.
         problem = search.problem = denoised_inputs(problem, recorded, begun, most=False)
         if problem.runs is not recorded:
@@ -495,7 +506,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
             found = _by_force(search, begun)
             if found is not None:
                 return *found, False
-        first = search.best(Model(begun))
+        first = search.best_proposal(Model(begun))
         fall = 0.0 if first is None else begun.cost - first.fit.cost
         early = (
             with_input_lead(problem, begun) if REMAINING_GAIN_RATIO * search.early > fall else None
@@ -528,7 +539,7 @@ def _force_first(search: Search, recorded: Sequence[Any]) -> tuple[Search, Model
     if any(a.u is not b.u for a, b in zip(recorded, problem.runs, strict=True)):
         fit = _continue_fit(problem, fit, COMPARISON_ITERATIONS)
     search.now = Model(fit, found.causes)
-    begin = search.pruned(search.now)
+    begin = search.eliminate_causes(search.now)
     if builds_up:
         begin = search.after_reversals(search.now, begin)
     model = search.run(begin)
@@ -550,10 +561,10 @@ def _by_force(search: Search, begun: Solution) -> tuple[Search, Model] | None:
     if other is None:
         return None
     found = other.run(other.now)
-    there = None if problem.late else driven_model(problem, begun, found)
+    there = None if problem.is_overdue else driven_model(problem, begun, found)
     if there is not None:
         motion = Search(problem, search.tell, search.not_tried, now=there)
-        model = motion.run(motion.pruned(there))
+        model = motion.run(motion.eliminate_causes(there))
         if problem.clear_of_line(model.fit):
             return motion, model
     return (other, found) if problem.behind_line(begun) else None
@@ -564,7 +575,7 @@ def _search_other_inputs(
 ) -> tuple[Search, Model] | None:
     """The search continued with inputs that suit the causes found, if others do."""
     problem = search.problem
-    if problem.late:
+    if problem.is_overdue:
         return None
     other = denoised_inputs(problem, recorded, model.fit, most=True)
     fit = model.fit
@@ -577,14 +588,20 @@ def _search_other_inputs(
         less = replace(other, shift=None)
         alone = _continue_fit(less, fit, COMPARISON_ITERATIONS)
         if with_input_lead(less, alone) is None:
-            other, fit = less, alone
+            other = less
+            fit = alone
     if fit is model.fit:
         return None
     again = Search(
-        other, search.tell, search.not_tried, dict(search.odds), search.first, before=search,
-    )  # fmt: skip
+        other,
+        search.tell,
+        search.not_tried,
+        dict(search.odds),
+        search.first,
+        before=search,
+    )
     again.now = Model(fit, model.causes)
-    return again, again.run(again.pruned(again.now))
+    return again, again.run(again.eliminate_causes(again.now))
 
 
 def _verdict(
@@ -648,8 +665,9 @@ def _cut(
 
 
 def _check_motion(windows: Sequence[Windows], several: bool) -> None:
-    for i, one in enumerate(windows):
-        if one.moving.sum() < 2 and (not several or not any(w.moving.sum() > 1 for w in windows)):
+    enough = [one.moving.sum() > 1 for one in windows]
+    for i in range(len(windows)):
+        if not enough[i] and not (several and any(enough)):
             name = f"record[{i}]" if several else "record"
             raise ValueError(
                 f"{name}: the axis hardly moves, so friction cannot be determined; use a record "
@@ -798,7 +816,9 @@ def run_cases(
             problem.add_note(f"in {label}[{name!r}]")
             results[name] = problem
             continue
-        data = [p for r in records for p in (r.t, r.u, r.x, r.reference, r.quantum, r.good)]
+        data: list[Any] = []
+        for r in records:
+            data += [r.t, r.u, r.x, r.reference, r.quantum, r.good]
         data += [r.known_load for r in records if r.known_load is not None]
         cases[name, fingerprint(*data), *own(axis)] = axis, records
     raise_failures(results, all_only=True)

@@ -158,7 +158,8 @@ def evidence(
     behind = at_the_mass(axis, record, hold)
     seen = Residual(*behind)
     moving = directions(record)
-    index = np.clip(np.rint((seen.t - record.t[0]) / record.dt), 0, len(record) - 1).astype(int)
+    numbers = np.rint((seen.t - record.t[0]) / record.dt)
+    index = np.clip(numbers, 0, len(record) - 1).astype(int)
     hidden = blind_samples(*behind) if hide is None else hide
     # Smoothing spreads the hidden samples over its whole window.
     shown = ~binary_dilation(hidden, np.ones(seen.smoothing, bool))[index]
@@ -166,7 +167,8 @@ def evidence(
     # Leave out short rests between two motions in the same direction: no sliding friction.
     highest, lowest = (f(record.x, seen.smoothing) for f in (maximum_filter1d, minimum_filter1d))
     shown &= (highest > lowest)[index]
-    index, residual = index[shown], seen.residual[shown]
+    index = index[shown]
+    residual = seen.residual[shown]
     lags, correlation, white = autocorrelation(residual, index, record.dt)
     at = windows.evaluate(axis, np.ones(len(windows), bool), thorough=True)
     return Evidence(
@@ -306,7 +308,8 @@ def autocorrelation(
     >>> correlation[:3].round(6).tolist()
     [1.0, -1.0, 1.0]
     """
-    r, k = np.asarray(values, dtype=float), np.asarray(index, dtype=np.int64)
+    r = np.asarray(values, dtype=float)
+    k = np.asarray(index, dtype=np.int64)
     if r.size < 2:
         return np.zeros(0), np.zeros(0), np.zeros(0)
     r = r - r.mean()
@@ -322,7 +325,8 @@ def autocorrelation(
         return np.asarray(correlate(a, b, mode="full", method="fft")[middle + lags])
 
     count = np.rint(pairs(held, held))
-    early, late = pairs(held, signal**2), pairs(signal**2, held)
+    early = pairs(held, signal**2)
+    late = pairs(signal**2, held)
     enough = count >= 20
     size: FloatArray = np.sqrt(np.maximum(early * late, 0.0))[enough]
     products = pairs(signal, signal)[enough]
@@ -364,9 +368,11 @@ def bin_values(values: ArrayLike, by: ArrayLike, bins: int | ArrayLike = 24) -> 
     >>> found.median.tolist(), found.low.tolist(), found.samples.tolist()
     ([3.0], [2.0], [5])
     """
-    y, z = np.asarray(values, dtype=float), np.asarray(by, dtype=float)
+    y = np.asarray(values, dtype=float)
+    z = np.asarray(by, dtype=float)
     known = np.isfinite(y) & np.isfinite(z)
-    y, z = y[known], z[known]
+    y = y[known]
+    z = z[known]
     if y.size == 0:
         none = np.zeros(0)
         return Binned(none, none, none, none, np.zeros(0, np.int64))
@@ -451,8 +457,10 @@ def where(
 def _significant_places(places: list[_Place], judged: BoolArray, bad: BoolArray) -> tuple[str, ...]:
     """Places that contain significantly many bad windows, in words."""
     inside = np.array([place.there & judged for place in places]).reshape(-1, judged.size)
-    total, count = int(judged.sum()), int(bad.sum())
-    size, hits = inside.sum(axis=1), (inside & bad).sum(axis=1)
+    total = int(judged.sum())
+    count = int(bad.sum())
+    size = inside.sum(axis=1)
+    hits = (inside & bad).sum(axis=1)
     chance = hypergeom.sf(hits - 1, total, count, size)
     share = hits / np.maximum(size, 1)
     elsewhere = (count - hits) / np.maximum(total - size, 1)
@@ -479,7 +487,8 @@ def _significant_places(places: list[_Place], judged: BoolArray, bad: BoolArray)
 
 
 def _places(windows: Windows, unit: str) -> Iterator[_Place]:
-    record, edges = windows.record, windows.edges
+    record = windows.record
+    edges = windows.edges
     starts = edges[:-1]
     moving = directions(record)
     speed = np.abs(record.derivatives().v)
@@ -519,7 +528,8 @@ def _ranges(values: FloatArray, name: str, unit: str) -> Iterator[tuple[float, f
     low, high = ("before", "after") if name == "t" else ("below", "above")
     for i in range(edges.size - 1):
         for j in range(i + 1, edges.size):
-            a, b = float(edges[i]), float(edges[j])
+            a = float(edges[i])
+            b = float(edges[j])
             if i == 0:
                 yield a, b, f"{low} {name} = {b:.3g} {unit}", 0
             elif j == edges.size - 1:

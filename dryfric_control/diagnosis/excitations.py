@@ -99,7 +99,8 @@ def _reversals(stage: Stage, scale: float) -> Motion:
 def _steps(stage: Stage, scale: float) -> Motion:
     # Fixed pattern of short and long steps, with time to settle.
     pattern = np.array([0.0, 0.6, 0.0, -0.9, 0.3, 0.9, -0.3, 0.1, -0.6, 0.0, 0.9, -0.9])
-    number = np.minimum((stage.t / stage.duration * pattern.size).astype(int), pattern.size - 1)
+    number = (stage.t / stage.duration * pattern.size).astype(int)
+    number = np.minimum(number, pattern.size - 1)
     return stage.middle + scale * stage.reach * pattern[number]
 
 
@@ -122,10 +123,12 @@ def _braking(stage: Stage, scale: float) -> Motion:
     fast = 0.5 * stage.spare / m
     way = 2.0 * stage.reach
     speed = min(speed, float(np.sqrt(way / (0.5 / fast + 0.5 / slow))))
-    up, down = speed / fast, speed / slow
+    up = speed / fast
+    down = speed / slow
     even = max(min((way - 0.5 * speed * (up + down)) / speed, 0.1 * stage.duration), 0.0)
     one = np.cumsum([0.03 * stage.duration, up, even, down])
-    v = np.interp(np.mod(stage.t, one[-1]), [0.0, *one], [0.0, 0.0, speed, speed, 0.0])
+    phase = np.mod(stage.t, one[-1])
+    v = np.interp(phase, [0.0, *one], [0.0, 0.0, speed, speed, 0.0])
     v *= 1.0 - 2.0 * (np.floor(stage.t / one[-1]) % 2)
     dt = stage.t[1] - stage.t[0]
     x = np.cumsum(v) * dt
@@ -148,7 +151,8 @@ def _force_steps(stage: Stage, scale: float) -> Motion:
     # Alternating steps of lengths without a common period.
     edges = np.cumsum(np.tile([0.05, 0.11, 0.07, 0.17, 0.09], 40))
     sign = 1.0 - 2.0 * (np.searchsorted(edges, stage.t, side="right") % 2)
-    speed, size = 0.3 * stage.limits.speed * scale, 0.4 * scale * stage.spare
+    speed = 0.3 * stage.limits.speed * scale
+    size = 0.4 * scale * stage.spare
     return _triangle_wave(stage, speed, stage.reach), np.asarray(size * sign)
 
 
@@ -162,7 +166,9 @@ def _small_forces(stage: Stage, scale: float) -> Motion:
 
 def _sine_sweep(stage: Stage, scale: float) -> Motion:
     # From 4 to 64 periods in the duration.
-    part, ratio, low = stage.t / stage.duration, np.log(16.0), 8.0 * np.pi / stage.duration
+    part = stage.t / stage.duration
+    ratio = np.log(16.0)
+    low = 8.0 * np.pi / stage.duration
     omega = low * np.exp(ratio * part)
     phase = low * stage.duration * np.expm1(ratio * part) / ratio
     size = np.minimum(stage.reach, 0.8 * stage.limits.speed / omega)
@@ -171,15 +177,18 @@ def _sine_sweep(stage: Stage, scale: float) -> Motion:
 
 
 def _coasting(stage: Stage, scale: float) -> Motion:
-    m, level = stage.axis.mass, max(stage.level, 1e-3 * stage.limits.drive)
+    m = stage.axis.mass
+    level = max(stage.level, 1e-3 * stage.limits.drive)
     far = 0.6 * scale * float(np.sqrt(2.0 * level * stage.reach / m))
-    speed, part = min(0.7 * scale * stage.limits.speed, far), stage.duration / 8.0
+    speed = min(0.7 * scale * stage.limits.speed, far)
+    part = stage.duration / 8.0
     time = min(m * speed / (0.5 * stage.spare), 0.5 * part)
     sign = 1.0 - 2.0 * (np.floor(stage.t / part) % 2)
     push = min(level + 0.5 * stage.spare, 0.9 * stage.limits.drive)
     force = np.where(np.mod(stage.t, part) < time, sign * push, 0.0)
     # The loop limits the deviation of hypotheses that move differently.
-    return stage.axis.simulate(force, float(stage.t[1]), x0=stage.middle).y[0].copy(), force
+    response = stage.axis.simulate(force, float(stage.t[1]), x0=stage.middle)
+    return response.y[0].copy(), force
 
 
 class KnownForce(BiasForce):
@@ -227,43 +236,89 @@ class Excitation:
 
 #: Experiments without a change of the bench first.
 EXCITATIONS = (
-    Excitation("triangle", "slow triangle over the travel",
-               "Move slowly and evenly over the whole travel, back and forth.", _triangle),
-    Excitation("crawl", "crawl",
-               "Crawl back and forth over a short distance, at a fiftieth of the top speed.",
-               _crawl),
-    Excitation("reversals", "quick moves and reversals",
-               "Move quickly from point to point with many reversals, long and short.",
-               _reversals),
-    Excitation("steps", "steps of the reference",
-               "Step the reference over short and long ways; let the drive reach its limit.",
-               _steps),
-    Excitation("speeds", "constant speeds over a decade",
-               "Run back and forth at four constant speeds from a twelfth to near the top speed.",
-               _speeds),
-    Excitation("braking", "braking from speed",
-               "Bring the axis to speed gently, then brake hard with the drive, both directions.",
-               _braking),
-    Excitation("rests", "rests of growing length",
-               "Let the axis rest for longer and longer times, and break it away each time with "
-               "the same slow ramp.", _rests),
-    Excitation("force_steps", "steps of force while sliding",
-               "While the axis slides back and forth, add steps of force to the drive.",
-               _force_steps),
-    Excitation("small_forces", "small forces around rest",
-               "At rest, raise and lower the force slowly, from far below breakaway to just "
-               "above it.", _small_forces),
-    Excitation("sine_sweep", "sweep of a large sine",
-               "Follow a sine as large as travel, speed and drive allow, from slow to fast.",
-               _sine_sweep),
-    Excitation("coasting", "push and coast",
-               "Push the axis to speed, drop the force to zero and let it coast to rest, in both "
-               "directions.", _coasting),
-    Excitation("added_mass", "a known mass clamped on",
-               "Add a known mass of {mass} to the axis, half of its own, and move quickly from "
-               "point to point with many reversals.", _reversals, _with_mass),
-    Excitation("known_force", "a known force added",
-               "Pull the axis in positive direction with a known constant force of {force} (a "
-               "weight over a pulley, a known tilt), and run back and forth at four constant "
-               "speeds.", _speeds, _with_force),
-)  # fmt: skip
+    Excitation(
+        "triangle",
+        "slow triangle over the travel",
+        "Move slowly and evenly over the whole travel, back and forth.",
+        _triangle,
+    ),
+    Excitation(
+        "crawl",
+        "crawl",
+        "Crawl back and forth over a short distance, at a fiftieth of the top speed.",
+        _crawl,
+    ),
+    Excitation(
+        "reversals",
+        "quick moves and reversals",
+        "Move quickly from point to point with many reversals, long and short.",
+        _reversals,
+    ),
+    Excitation(
+        "steps",
+        "steps of the reference",
+        "Step the reference over short and long ways; let the drive reach its limit.",
+        _steps,
+    ),
+    Excitation(
+        "speeds",
+        "constant speeds over a decade",
+        "Run back and forth at four constant speeds from a twelfth to near the top speed.",
+        _speeds,
+    ),
+    Excitation(
+        "braking",
+        "braking from speed",
+        "Bring the axis to speed gently, then brake hard with the drive, both directions.",
+        _braking,
+    ),
+    Excitation(
+        "rests",
+        "rests of growing length",
+        "Let the axis rest for longer and longer times, and break it away each time with "
+        "the same slow ramp.",
+        _rests,
+    ),
+    Excitation(
+        "force_steps",
+        "steps of force while sliding",
+        "While the axis slides back and forth, add steps of force to the drive.",
+        _force_steps,
+    ),
+    Excitation(
+        "small_forces",
+        "small forces around rest",
+        "At rest, raise and lower the force slowly, from far below breakaway to just above it.",
+        _small_forces,
+    ),
+    Excitation(
+        "sine_sweep",
+        "sweep of a large sine",
+        "Follow a sine as large as travel, speed and drive allow, from slow to fast.",
+        _sine_sweep,
+    ),
+    Excitation(
+        "coasting",
+        "push and coast",
+        "Push the axis to speed, drop the force to zero and let it coast to rest, in both "
+        "directions.",
+        _coasting,
+    ),
+    Excitation(
+        "added_mass",
+        "a known mass clamped on",
+        "Add a known mass of {mass} to the axis, half of its own, and move quickly from "
+        "point to point with many reversals.",
+        _reversals,
+        _with_mass,
+    ),
+    Excitation(
+        "known_force",
+        "a known force added",
+        "Pull the axis in positive direction with a known constant force of {force} (a "
+        "weight over a pulley, a known tilt), and run back and forth at four constant "
+        "speeds.",
+        _speeds,
+        _with_force,
+    ),
+)

@@ -21,7 +21,7 @@ from dryfric_control.model.effects.naming import class_of, title_of, titles_of
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import file_path, replace_file
 from dryfric_control.text import Result, documented, rotary_words, stated
-from dryfric_control.ties import above, stable_order
+from dryfric_control.ties import exceeds, stable_order
 from dryfric_control.units import check_units
 
 # Mean of log(1 + (error/quantum)^2) over the windows, the largest left out (one mistimed
@@ -116,7 +116,8 @@ class Experiment(Result):
             )
         columns = {"t": self.t, "reference": self.reference}
         columns |= {} if self.force is None else {"force": self.force}
-        table, head = np.column_stack([*columns.values()]), ",".join(columns)
+        table = np.column_stack([*columns.values()])
+        head = ",".join(columns)
         with replace_file(path) as part:
             np.savetxt(part, table, fmt="%.9g", delimiter=",", header=head, comments="")
 
@@ -243,7 +244,9 @@ def _search(
     quantum = record.resolution.step
     refits = [Refit.from_axis(one, record, quantum) for one in axes]
     tried: dict[str, float] = {}
-    best, chosen, left = -1.0, None, []
+    best = -1.0
+    chosen = None
+    left = []
     for changed in (False, True):
         some = [e for e in EXCITATIONS if (e.change is not None) == changed]
         made = (largest_trial(e, stage, axes, quantum, record.dt) for e in some)
@@ -255,11 +258,13 @@ def _search(
         # so that the search in this order can stop early.
         upper = list(map(_separation_merit, raw))
         for k in stable_order(-np.array(upper)):
-            if not above(upper[k], best):
+            if not exceeds(upper[k], best):
                 break
             pairs = _distances(stages[k], quantum, refits, raw[k])
-            if above(_separation_merit(pairs), best):
-                best, chosen, left = _separation_merit(pairs), stages[k], pairs
+            if exceeds(_separation_merit(pairs), best):
+                best = _separation_merit(pairs)
+                chosen = stages[k]
+                left = pairs
         if left and all(pair.is_sufficient for pair in left):
             break
     return tried, chosen, left
@@ -275,7 +280,8 @@ class Distance(NamedTuple):
     def from_squares(cls, squares: Floats, quantum: float) -> Distance:
         """Distance that the mean squares of the windows are."""
         ratio = np.sort(squares) / quantum**2
-        return cls(float(np.mean(np.log1p(ratio[:-1]))), float(np.sqrt(np.mean(ratio))))
+        part = float(np.mean(np.log1p(ratio[:-1])))
+        return cls(part, float(np.sqrt(np.mean(ratio))))
 
     @property
     def is_sufficient(self) -> bool:

@@ -56,13 +56,14 @@ class ForceView(ModelView):
         records = [m.record for m in self.motions]
         ends = np.cumsum([0, *(len(r) for r in records)])
         self.slices = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-        self.dt, self.quantum = records[0].dt, min(r.resolution.step for r in records)
+        self.dt = records[0].dt
+        self.quantum = min(r.resolution.step for r in records)
         self.duration = max(r.duration for r in records)
         self.t = np.concatenate([r.t for r in records])
-        self.x, self.v, self.a, self.direction = (
-            np.concatenate([getattr(m, name) for m in self.motions])
-            for name in ("x", "v", "a", "direction")
-        )
+        self.x = np.concatenate([m.x for m in self.motions])
+        self.v = np.concatenate([m.v for m in self.motions])
+        self.a = np.concatenate([m.a for m in self.motions])
+        self.direction = np.concatenate([m.direction for m in self.motions])
         self.u = self._drive_at_the_mass(axis)
         hold = problem.hold
         self.load = np.concatenate([known_force(m.record, hold) for m in self.motions])
@@ -93,7 +94,8 @@ class ForceView(ModelView):
             self.base_forces(self.problem.base) or [np.zeros(self.x.size)]
         )
         ridge = np.eye(columns.shape[1]) / BASE_LOG_DEVIATION
-        left, unit = self.y, max(float(np.std(self.y)), 1e-300)
+        left = self.y
+        unit = max(float(np.std(self.y)), 1e-300)
         for _ in range(2):
             # The prior of the base counts in units of what is left, by its independent samples.
             rows = np.concatenate((columns / unit, ridge))
@@ -103,9 +105,9 @@ class ForceView(ModelView):
             unit = max(float(np.sqrt(np.mean(left**2) * time)), 1e-300)
         self.scale = 1.0 / unit
         self.y = self.y * self.scale
-        self.count = self.independent(left)
+        self.count = self.effective_sample_size(left)
 
-    def independent(self, left: Floats) -> float:
+    def effective_sample_size(self, left: Floats) -> float:
         return left.size / self.correlation_time(left)
 
     def correlation_time(self, left: Floats) -> float:
@@ -136,7 +138,8 @@ class ForceView(ModelView):
         late = _minimise_on_grid(
             lambda d: self._left_by_curve(needed, round(d)), 1.0, max(longest, 2.0)
         )
-        late, most = round(late), _EXPLAINED * float(needed @ needed)
+        late = round(late)
+        most = _EXPLAINED * float(needed @ needed)
         if self._left_by_curve(needed, late) > min(_HALVED * self._left_by_curve(needed, 0), most):
             late = 0
         u = self._delayed_drive(late)
@@ -171,7 +174,8 @@ class ForceView(ModelView):
         return -self.scale * self._smooth_forces(some)
 
     def steps(self, names: Sequence[str]) -> Floats:
-        found, now = [], self._missing(self.axis)
+        found = []
+        now = self._missing(self.axis)
         for name in names:
             if name == SHIFT:
                 found.append(np.gradient(self.u))
@@ -189,7 +193,8 @@ class ForceView(ModelView):
         return np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
 
     def slopes(self, left: Floats) -> tuple[Floats, Floats]:
-        at, found = 0, []
+        at = 0
+        found = []
         for motion in self.motions:
             end = at + motion.places.size
             found.append(motion.spread(left[at:end]))
@@ -203,5 +208,6 @@ def _minimise_on_grid(function: Callable[[float], float], low: float, high: floa
     for _ in range(2):
         grid = np.geomspace(low, high, _GRID)
         k = int(np.argmin([function(one) for one in grid]))
-        low, high = grid[max(k - 1, 0)], grid[min(k + 1, _GRID - 1)]
+        low = grid[max(k - 1, 0)]
+        high = grid[min(k + 1, _GRID - 1)]
     return float(grid[k])

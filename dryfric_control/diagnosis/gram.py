@@ -37,7 +37,7 @@ from dryfric_control.diagnosis.thresholds import (
     NEGLIGIBLE_FORCE_RATIO,
     NOISE_SCALE_ITERATIONS,
     SCREENING_FORCE_FACTORS,
-)  # fmt: skip
+)
 from dryfric_control.estimation.likelihood import (
     BASE,
     BASE_LOG_DEVIATION,
@@ -52,8 +52,8 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.columns import (
     Column,
     View,
-    added,
     difference,
+    effect_contribution,
     secant,
     simulated_column,
 )
@@ -145,7 +145,9 @@ def profiled_cost(likelihood: Likelihood, point: Point) -> float:
     if not point.out:
         return math.inf
     pairs = zip(likelihood.runs, point.out, strict=True)
-    total = sum(compiled.profiled(out, run.active, NOISE_SCALE_ITERATIONS) for run, out in pairs)
+    total = sum(
+        compiled.profile_cost(out, run.active, NOISE_SCALE_ITERATIONS) for run, out in pairs
+    )
     return total if math.isfinite(total) else math.inf
 
 
@@ -167,7 +169,8 @@ class Gram:
     odds: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        problem, fit = self.problem, self.fit
+        problem = self.problem
+        fit = self.fit
         self.noises = screening_noises(problem, fit)
         z = np.concatenate((fit.z[: len(fit.problem.names)], self.noises))
         self.likelihood, self.z = self._rigid(fit.problem, z)
@@ -196,7 +199,8 @@ class Gram:
 
     def _add(self, added: Iterator[tuple[str, Column, FloatArray, float]]) -> None:
         """Add shapes with their columns to the normal equations."""
-        problem, here = self.problem, self.here
+        problem = self.problem
+        here = self.here
         at = sum(block.shape[1] for block in self._blocks)
         for name, column, values, gain in added:
             width = values.shape[1]
@@ -222,7 +226,7 @@ class Gram:
         for one in self.items:
             self.least[one.at[0]] = 0.0 if one.column.positive else -np.inf
             self.most[one.at[0]] = min(one.column.most, self._drive_share(one))
-        for name in ("_single", "_matrix", "after_reversal"):
+        for name in ("_best_shapes", "_matrix", "after_reversal"):
             vars(self).pop(name, None)
         for name in (*self.names, REVERSAL):
             some = [i.column for i in self.items if i.name == name]
@@ -234,7 +238,7 @@ class Gram:
 
         Beyond, it mutes the drive, and the base with it.
         """
-        if one.name == REVERSAL or not one.column.force or self.problem.imposed:
+        if one.name == REVERSAL or not one.column.force or self.problem.is_imposed:
             return math.inf
         effect = effect_class(one.name)
         if effect.action != "input" and not effect.loaded():
@@ -246,9 +250,10 @@ class Gram:
     def _rigid(self, likelihood: Likelihood, z: FloatArray) -> tuple[Likelihood, FloatArray]:
         """Where the pass is: two masses on a spring, which have no scalar gains, are one mass."""
         axis = likelihood.axis_at(z, 0)
-        spring = next((n for n, e in named(axis).items() if e.inner(axis).stiffness > 0.0), None)
+        effects = named(axis).items()
+        spring = next((n for n, e in effects if e.inner(axis).stiffness > 0.0), None)
         if spring is not None:
-            bare = self.problem.less(axis, spring)
+            bare = self.problem.remove_effects(axis, spring)
             free = [n for n in self.problem.free_of(self.fit) if not n.startswith(f"{spring}.")]
             likelihood = self.problem.likelihood(bare, free)
             z = likelihood.start(noises=self.noises)
@@ -266,21 +271,25 @@ class Gram:
         change = np.linalg.lstsq(columns, -self.here.y, rcond=1e-9)[0]
         low = {p.name: p.low for p in self.likelihood.parameters}
         return [
-            n for n, c in zip(self.base, change, strict=True)
+            n
+            for n, c in zip(self.base, change, strict=True)
             if n in amounts and low[n] >= 0.0 and 1.0 + c < 0.0
-        ]  # fmt: skip
+        ]
 
     @property
-    def bends(self) -> bool:
+    def has_bristles(self) -> bool:
         """Whether bristles bend: friction is then no force, its shapes take passes."""
         axis = self.here.axis
-        return not self.problem.imposed and any(e.inner(axis).bristles > 0.0 for e in axis.effects)
+        return not self.problem.is_imposed and any(
+            e.inner(axis).bristles > 0.0 for e in axis.effects
+        )
 
     @cached_property
     def _shapes(self) -> dict[str, list[Column]]:
         """Shapes of all effects, by name."""
-        found, present = dict[str, list[Column]](), named(self.problem.believed)
-        bends = self.bends
+        found = dict[str, list[Column]]()
+        present = named(self.problem.believed)
+        bends = self.has_bristles
         for name in self.names:
             try:
                 if name in present:
@@ -305,9 +314,11 @@ class Gram:
         """Shapes of all effects with their weighted columns."""
         for kind, respond in (("force", self.here.of_forces), ("reading", self.here.of_readings)):
             waiting = [
-                (name, one) for name, some in self._shapes.items() for one in some
+                (name, one)
+                for name, some in self._shapes.items()
+                for one in some
                 if getattr(one, kind)
-            ]  # fmt: skip
+            ]
             for k in range(0, len(waiting), _COLUMN_BATCH):
                 some = waiting[k : k + _COLUMN_BATCH]
                 values = respond([a for _, one in some for a in getattr(one, kind)])
@@ -320,12 +331,13 @@ class Gram:
     def _simulated_shapes(self) -> Iterator[tuple[str, Column, FloatArray, float]]:
         """Shapes without force columns, from a pass of the filter each."""
         tasks = [
-            (name, one) for name, some in self._shapes.items() for one in some
+            (name, one)
+            for name, some in self._shapes.items()
+            for one in some
             if not (one.force or one.reading)
-        ]  # fmt: skip
-        same = self.likelihood is self.fit.problem
+        ]
         levels = self._levels
-        if tasks and not same:
+        if tasks and self.likelihood is not self.fit.problem:
             levels = self._costs(self.likelihood, self._parts)
 
         def run(name: str, column: Column) -> tuple[FloatArray, float] | None:
@@ -344,19 +356,29 @@ class Gram:
                 return None
 
         found = self.problem.parallel(run, *(zip(*tasks, strict=True) if tasks else ((), ())))
-        for name in dict.fromkeys(name for name, _ in tasks):
-            rows = [row for (one, _), row in zip(tasks, found, strict=True) if one == name]
-            if not any(row is not None and math.isfinite(row[1]) for row in rows):
-                self.fail(name, "no likelihood at any of its shapes: its law gives no numbers")
+        self._note_no_numbers([name for name, _ in tasks], found)
         for (name, column), row in zip(tasks, found, strict=True):
             if row is not None and np.any(row[0]):
                 # A secant is a column like others: its amount follows from the normal equations.
                 yield name, column, row[0], -math.inf if column.most < math.inf else row[1]
 
+    def _note_no_numbers(
+        self, names: Sequence[str], found: Sequence[tuple[FloatArray, float] | None]
+    ) -> None:
+        """Note effects without a likelihood at any of their shapes."""
+        likely = {
+            name
+            for name, row in zip(names, found, strict=True)
+            if row is not None and math.isfinite(row[1])
+        }
+        for name in dict.fromkeys(names):
+            if name not in likely:
+                self.fail(name, "no likelihood at any of its shapes: its law gives no numbers")
+
     @property
     def _parts(self) -> tuple[float, ...]:
         """Factors of the random force: of an imposed motion, which no filter follows, one."""
-        return SCREENING_FORCE_FACTORS[:1] if self.problem.imposed else SCREENING_FORCE_FACTORS
+        return SCREENING_FORCE_FACTORS[:1] if self.problem.is_imposed else SCREENING_FORCE_FACTORS
 
     def _costs(self, likelihood: Likelihood, parts: Sequence[float]) -> list[float]:
         """Costs in one pass at factors of the random force, the size of all noises fitted."""
@@ -381,10 +403,8 @@ class Gram:
         parameters may change along; `signed`: whether amounts keep the sign they must have.
         """
         held = 0 if moved else len(self.base)
-        index = np.array([
-            [*range(held, self.fixed), *(j for g in chosen for j in self.items[g].at)]
-            for chosen in sets
-        ], int)  # fmt: skip
+        free = range(held, self.fixed)
+        index = np.array([[*free, *self._columns_of(chosen)] for chosen in sets], int)
         m = self.g[index[:, :, None], index[:, None, :]]
         m += _RIDGE * np.eye(index.shape[1])
         b = self.b[index]
@@ -395,28 +415,31 @@ class Gram:
         if signed:
             none |= c <= self.least[index]
         c = np.concatenate((np.zeros((len(sets), held)), c), axis=1)
-        gain = -0.5 * self.count * np.log(
-            np.maximum(1.0 - explained, 1e-12)
-        ) - self._assumption_cost(c)
+        left = np.maximum(1.0 - explained, 1e-12)
+        gain = -0.5 * self.count * np.log(left) - self._assumption_cost(c)
         return np.where(none.any(axis=1), -np.inf, gain), c
+
+    def _columns_of(self, chosen: Sequence[int]) -> list[int]:
+        """Columns of a set of items."""
+        return [j for g in chosen for j in self.items[g].at]
 
     def gains(self, sets: Sequence[Sequence[int]]) -> list[float]:
         """Predicted gains of some sets of items, the base as it is or moved along."""
         found = [0.0] * len(sets)
-        widths = [sum(len(self.items[g].at) for g in chosen) for chosen in sets]
+        widths = [len(self._columns_of(chosen)) for chosen in sets]
         for width in set(widths):
             some = [k for k, w in enumerate(widths) if w == width]
-            both = [
-                self._predicted_gains([sets[k] for k in some], moved)[0] for moved in (True, False)
-            ]
-            for k, gain in zip(some, np.maximum(*both).tolist(), strict=True):
+            alike = [sets[k] for k in some]
+            moved = self._predicted_gains(alike, True)[0]
+            held = self._predicted_gains(alike, False)[0]
+            for k, gain in zip(some, np.maximum(moved, held).tolist(), strict=True):
                 found[k] = gain
         return found
 
     def _residual_of(self, chosen: Sequence[int]) -> FloatArray:
         """Residual that a set of items leaves, the base moved along."""
         c = self._predicted_gains([chosen], True, signed=False)[1][0]
-        at = [*range(self.fixed), *(j for g in chosen for j in self.items[g].at)]
+        at = [*range(self.fixed), *self._columns_of(chosen)]
         return np.asarray(self.here.y + self._matrix[:, at] @ c)
 
     def _beyond_record(self, chosen: Sequence[int]) -> bool:
@@ -424,7 +447,8 @@ class Gram:
 
         Another one then takes it back: the two are one undetermined direction.
         """
-        c, at = self._predicted_gains([chosen], True, signed=False)[1][0], self.fixed
+        c = self._predicted_gains([chosen], True, signed=False)[1][0]
+        at = self.fixed
         for g in chosen:
             columns = self.items[g].column.force
             force = sum(v * f for v, f in zip(c[at:], columns, strict=False))
@@ -475,14 +499,14 @@ class Gram:
         one.g, chosen, barred = self.g.copy(), list[int](), set[str]()
         left = one._residual_of(chosen)
         while len(chosen) < most:
-            g = one._best(chosen, (REVERSAL,), barred)[1]
+            g = one._best_item(chosen, (REVERSAL,), barred)[1]
             if g < 0:
                 break
             new = one._residual_of([*chosen, g])
             if one._beyond_record([*chosen, g]):
                 barred.add(one.items[g].name)
                 continue
-            count = self.here.independent(new)
+            count = self.here.effective_sample_size(new)
             if (
                 one.most[one.items[g].at[0]] < math.inf
                 and count < _MIN_INDEPENDENCE_RATIO * one.count
@@ -503,14 +527,15 @@ class Gram:
         """The set with each item replaced by what gains more in its place, if anything."""
         now = self.gains([chosen])[0]
         for k in range(len(chosen) - 1):
-            gain, g = self._best([*chosen[:k], *chosen[k + 1 :]], (REVERSAL,), barred)
+            gain, g = self._best_item([*chosen[:k], *chosen[k + 1 :]], (REVERSAL,), barred)
             if gain > now + MIN_EXCHANGE_GAIN:
-                chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
+                chosen = [*chosen[:k], g, *chosen[k + 1 :]]
+                now = gain
         return chosen
 
     def _count_independent(self, left: FloatArray) -> None:
         """Count independent samples of what is left, in whose units the prior of the base is."""
-        self.count = self.here.independent(left)
+        self.count = self.here.effective_sample_size(left)
         size = float(left @ left) / self.count
         ratio = size / self._unit
         self.g[np.diag_indices(self.fixed)] += (ratio - 1.0) * self._ridge
@@ -520,23 +545,27 @@ class Gram:
         """Cost of the changes of base parameters as assumptions, which is not quadratic."""
         nominal = np.array([self.problem.nominal[n] for n in self.base])
         counts = [
-            k for k, n in enumerate(self.base)
+            k
+            for k, n in enumerate(self.base)
             if nominal[k] != 0.0 and n not in self.problem.tolerance
-        ]  # fmt: skip
+        ]
         there = self._now[counts] * (1.0 + c[..., counts]) / nominal[counts]
         return np.asarray(joint_nominal_error_cost(nominal_error_cost(there))[0])
 
-    def early(self) -> float:
+    def input_lead_gain(self) -> float:
         """Predicted gain of a drive that acts before its time stamps, 0 if by chance."""
         late = [
-            [g] for g, one in enumerate(self.items)
+            [g]
+            for g, one in enumerate(self.items)
             if one.name != REVERSAL
-            and effect_class(one.name).action == "delay" and one.column.force
-        ]  # fmt: skip
+            and effect_class(one.name).action == "delay"
+            and one.column.force
+        ]
         if not late:
             return 0.0
         gains, c = self._predicted_gains(late, True, signed=False)
-        most = float(np.where(c[:, self.fixed] < 0.0, gains - self.base_gain, -np.inf).max())
+        early = c[:, self.fixed] < 0.0
+        most = float(np.where(early, gains - self.base_gain, -np.inf).max())
         return most if most > MIN_PREDICTED_GAIN else 0.0
 
     @cached_property
@@ -544,7 +573,7 @@ class Gram:
         """Predicted gain of the free parameters by themselves."""
         return self.gains([[]])[0]
 
-    def _best(
+    def _best_item(
         self, chosen: Sequence[int], also: Sequence[str] = (), barred: Collection[str] = ()
     ) -> tuple[float, int]:
         """The effect's item with the largest gain beside chosen ones, or one of `also`."""
@@ -553,13 +582,16 @@ class Gram:
         builds_up = any(_builds_up(n) for n in names)
         actions = {effect_class(n).action for n in names - {REVERSAL}} & {*EXCLUSIVE_ACTIONS}
         some = [
-            g for g, one in enumerate(self.items)
-            if one.name not in names and one.name not in barred
+            g
+            for g, one in enumerate(self.items)
+            if one.name not in names
+            and one.name not in barred
             and not (builds_up and _builds_up(one.name))
-            and (one.name in also or (
-                one.name != REVERSAL and effect_class(one.name).action not in actions
-            ))
-        ]  # fmt: skip
+            and (
+                one.name in also
+                or (one.name != REVERSAL and effect_class(one.name).action not in actions)
+            )
+        ]
         gains = self.gains([[*chosen, g] for g in some])
         top = max(gains, default=-math.inf)
         # Of equals the one with the fewest columns.
@@ -568,10 +600,15 @@ class Gram:
             for gain, g in zip(gains, some, strict=True)
             if gain > top - 0.5 * MIN_EXCHANGE_GAIN
         ]
-        return min(rows, key=lambda r: (len(self.items[r[1]].at), -r[0]), default=(-math.inf, -1))
+
+        def rank(row: tuple[float, int]) -> tuple[int, float]:
+            gain, g = row
+            return len(self.items[g].at), -gain
+
+        return min(rows, key=rank, default=(-math.inf, -1))
 
     @cached_property
-    def _single(self) -> dict[str, tuple[float, int]]:
+    def _best_shapes(self) -> dict[str, tuple[float, int]]:
         """Best shape of each effect alone, with its predicted gain."""
         found = dict[str, tuple[float, int]]()
         gains = self.gains([[g] for g in range(len(self.items))])
@@ -589,32 +626,35 @@ class Gram:
         return names.index(REVERSAL) if REVERSAL in names else MAX_CAUSES
 
     @property
-    def singles(self) -> dict[str, float]:
+    def single_gains(self) -> dict[str, float]:
         """Predicted gain of each effect alone, at least 0."""
-        return {name: max(gain, 0.0) for name, (gain, _) in self._single.items()}
+        return {name: max(gain, 0.0) for name, (gain, _) in self._best_shapes.items()}
 
     def sets(self) -> list[tuple[float, list[int]]]:
         """Items worth a fit, with their predicted gains: singles, and sets by selection."""
-        rows = sorted(self._single.values(), reverse=True)
+        rows = sorted(self._best_shapes.values(), reverse=True)
         # A shape with a memory that is far less likely in a pass than another one is none.
         most = max((gain for gain, g in rows if self.items[g].gain > -math.inf), default=0.0)
         least = _MIN_GAIN_FRACTION * most
         likely = [
-            (gain, [g]) for gain, g in rows
+            (gain, [g])
+            for gain, g in rows
             if gain > max(self._chance(g), least * (self.items[g].gain > -math.inf))
-        ]  # fmt: skip
+        ]
         found = likely[:MAX_SINGLE_PROPOSALS]
         chosen: list[int] = []
         now = self.base_gain
         while len(chosen) < MAX_JOINED_CAUSES:
-            gain, g = self._best(chosen)
+            gain, g = self._best_item(chosen)
             if g < 0 or gain < now + self._chance(g):
                 break
-            chosen, now = [*chosen, g], gain
+            chosen = [*chosen, g]
+            now = gain
             for k in range(len(chosen)):
-                gain, g = self._best(chosen[:k] + chosen[k + 1 :])
+                gain, g = self._best_item(chosen[:k] + chosen[k + 1 :])
                 if gain > now + MIN_EXCHANGE_GAIN:
-                    chosen, now = [*chosen[:k], g, *chosen[k + 1 :]], gain
+                    chosen = [*chosen[:k], g, *chosen[k + 1 :]]
+                    now = gain
             if len(chosen) > 1:
                 found.append((now - self.base_gain, list(chosen)))
         return found
@@ -633,7 +673,7 @@ class Gram:
         here, problem, slides = self.here, self.problem, self.here.direction != 0.0
 
         def force_of(*names: str) -> FloatArray:
-            axis = problem.less(here.axis, *names)
+            axis = problem.remove_effects(here.axis, *names)
             return -difference(axis, cast(View, here))[slides]
 
         alone = {n: force_of(n) for n in causes}
@@ -645,16 +685,18 @@ class Gram:
 
         def rest(k: int, name: str) -> float:
             others = [alone[n] for n in sets[k] if n != name]
-            return float(_left(np.column_stack([force[:, :0], *others]), force[:, [k]])[1][0])
+            columns = np.column_stack([force[:, :0], *others])
+            return float(_left(columns, force[:, [k]])[1][0])
 
         # One that leaves as much of the force as these without one of them is no better than that.
-        most = [MAX_SAME_RESIDUAL**2 * min(rest(k, n) for n in some) for k, some in enumerate(sets)]
+        least = [min(rest(k, n) for n in some) for k, some in enumerate(sets)]
+        most = [MAX_SAME_RESIDUAL**2 * one for one in least]
         sizes = [sum(map(_size, some)) for some in sets]
         best = self._simplest_alike(sets, sizes, force, most)
         free = problem.free_of(self.fit)
         for some, (*_, name, values) in zip(sets, best, strict=True):
             if name:
-                bare = problem.less(self.fit.axis, *some)
+                bare = problem.remove_effects(self.fit.axis, *some)
                 others = problem.free_without(free, *some)
                 start = with_effect(bare, name, values)
                 yield some, name, start.axis, (*others, *start.free)
@@ -684,7 +726,7 @@ class Gram:
                     best[k] = size, float(left[k]), one.name, values
         return best
 
-    def whole(self, most: int) -> tuple[list[Proposal], bool]:
+    def full_selection(self, most: int) -> tuple[list[Proposal], bool]:
         """Starts with all effects that forward selection finds.
 
         And whether friction after reversals is among them.
@@ -696,13 +738,18 @@ class Gram:
 
     def proposals(self) -> list[Proposal]:
         """Starts of fits that it has not proposed yet, with the likeliest shapes in a pass."""
-        sets = [
-            (gain, some, names) for gain, some in self.sets()
-            for names in (frozenset(self.items[g].name for g in some),)
-            if names not in self._proposed
-        ]  # fmt: skip
-        self._proposed.update(s[2] for s in sets)
-        starts = self.problem.parallel(self._starts, [s[0] for s in sets], [s[1] for s in sets])
+        gains: list[float] = []
+        sets: list[list[int]] = []
+        new: set[frozenset[str]] = set()
+        for gain, some in self.sets():
+            names = frozenset(self.items[g].name for g in some)
+            if names in self._proposed:
+                continue
+            new.add(names)
+            gains.append(gain)
+            sets.append(some)
+        self._proposed.update(new)
+        starts = self.problem.parallel(self._starts, gains, sets)
         return [*itertools.chain(*starts), *self._instead_of_base()]
 
     def _instead_of_base(self) -> list[Proposal]:
@@ -712,7 +759,8 @@ class Gram:
         it is that with which the base is least surprising.
         """
         found: dict[str, Proposal] = {}
-        count, likelihood = len(self.base), self.likelihood
+        count = len(self.base)
+        likelihood = self.likelihood
         level = profiled_cost(likelihood, likelihood.at(self.z)) + likelihood.prior(self.z)
         for one in self.items:
             if len(one.at) != 1 or not count or one.gain > -math.inf or one.name == REVERSAL:
@@ -781,8 +829,10 @@ class Gram:
             for k, one in enumerate(forms(axis, names))
         )
         for axis, free, other in starts:
-            # The numbers of the usual form are no guide to what it holds.
-            own = (*free, *(n for name in names for n in held_by(name))) if other else free
+            own = free
+            if other:
+                # The numbers of the usual form are no guide to what it holds.
+                own = (*free, *(n for name in names for n in held_by(name)))
             try:
                 likelihood = self.problem.likelihood(axis, (*self.problem.free_of(self.fit), *own))
             except ValueError:
@@ -801,8 +851,10 @@ class Gram:
     def _axes(self, chosen: Sequence[int]) -> Iterator[tuple[FrictionAxis, tuple[str, ...]]]:
         """The model with items at their coefficients, its base as it is and moved along."""
         for moved in (False, True) if self.base else (False,):
-            c, at = self._predicted_gains([chosen], moved)[1][0], self.fixed
-            axis, free = self.fit.axis, list[str]()
+            c = self._predicted_gains([chosen], moved)[1][0]
+            at = self.fixed
+            axis = self.fit.axis
+            free = list[str]()
             for g in chosen:
                 one = self.items[g]
                 values = one.column.values([float(v) for v in c[at : at + len(one.at)]])
@@ -811,7 +863,8 @@ class Gram:
                 except ValueError as problem:
                     self.fail(one.name, str(problem))
                     return
-                axis, at = start.axis, at + len(one.at)
+                axis = start.axis
+                at = at + len(one.at)
                 held = [n for n in start.free if self.problem.constant(n)]
                 axis = with_values(axis, held, [self.here.middle] * len(held))
                 free += [n for n in start.free if n not in held]
@@ -821,8 +874,10 @@ class Gram:
 
     def _change_base(self, axis: FrictionAxis, c: FloatArray) -> FloatArray:
         """Base parameters after relative changes, with their sign and within their bounds."""
-        now, some = values_of(axis, self.base), {p.name: p for p in self.likelihood.parameters}
-        low, high = (np.array([getattr(some[n], b) for n in self.base]) for b in ("low", "high"))
+        now = values_of(axis, self.base)
+        some = {p.name: p for p in self.likelihood.parameters}
+        low = np.array([some[n].low for n in self.base])
+        high = np.array([some[n].high for n in self.base])
         factor = np.where(low < 0.0, 1.0 + c, np.clip(1.0 + c, *_BASE_FACTOR_LIMITS))
         rise = np.clip(now * factor, low, high)
         none = np.maximum(c, 0.0) * self.here.size / self.here.fast
@@ -873,7 +928,7 @@ def _other_amounts(name: str, effect: Effect, view: View) -> Iterator[Column]:
     A weight on the other side is far from a change of its phase by a part.
     """
     values = dict(zip(effect.parameters(), effect.values, strict=True))
-    force = added(type(effect), values, view)
+    force = effect_contribution(type(effect), values, view)
     for one in effect_class(name).columns(view):
         if len(one.force) < 2 or one.most < math.inf:
             continue

@@ -49,7 +49,7 @@ def denoised_inputs(
     Measurement noise of the input does not act on the axis.  Left in, it would count as random
     force, and a lag that filters it would seem to be a cause.
     """
-    if problem.late:
+    if problem.is_overdue:
         return problem
     found = {0.0: tuple(recorded)}
     force = fit.largest_force
@@ -60,8 +60,8 @@ def denoised_inputs(
         # Noise far below the random force makes no difference.
         if white and any(np.std(e) > thresholds.MIN_INPUT_NOISE_RATIO * force for e in off):
             found[width] = runs
-    if problem.imposed or len(found) == 1:
-        same = problem.imposed or problem.runs == tuple(recorded)
+    if problem.is_imposed or len(found) == 1:
+        same = problem.is_imposed or problem.runs == tuple(recorded)
         return problem if same else replace(problem, runs=tuple(recorded))
     shift = fit.values().get(SHIFT)
 
@@ -81,7 +81,8 @@ def as_recorded(fit: Solution, recorded: Sequence[Run]) -> Solution:
     runs = [replace(r, u=one.u) for r, one in zip(fit.problem.runs, recorded, strict=True)]
     if all(np.array_equal(a.u, b.u) for a, b in zip(runs, fit.problem.runs, strict=True)):
         return fit
-    problem, known = fit.problem.on(runs), slice(len(fit.problem.names))
+    problem = fit.problem.on(runs)
+    known = slice(len(fit.problem.names))
     problem.low, problem.high = problem.low.copy(), problem.high.copy()
     problem.low[known] = problem.high[known] = fit.z[known]
     return maximise(problem, fit.z, 12)
@@ -89,11 +90,12 @@ def as_recorded(fit: Solution, recorded: Sequence[Run]) -> Solution:
 
 def with_input_lead(problem: Problem, fit: Solution) -> tuple[Problem, Solution] | None:
     """The problem and fit with inputs that act before their time stamps, if data require it."""
-    if problem.imposed or problem.shift is not None:
+    if problem.is_imposed or problem.shift is not None:
         return None
     if any(e.action in ("delay", "lag") for e in fit.axis.effects):
         return None
-    free, dt = problem.free_of(fit), problem.scales.step
+    free = problem.free_of(fit)
+    dt = problem.scales.step
     costs = {}
     for samples in thresholds.INPUT_LEADS:
         one = replace(problem, shift=-samples * dt)
@@ -116,12 +118,12 @@ def imposed_search(problem: Problem, tell: Callable[..., None]) -> Search | None
     """A search in the view of the force; None if the drive is not what the motion requires."""
     runs = tuple(prepare_force(r.record, problem.hold) for r in problem.runs)
     force = replace(problem, runs=runs, view=ForceView)
-    fit = Search(force).alone()
+    fit = Search(force).fit_nominal()
     if len(runs) > 1:
         force, fit = _per_record_problem(force, fit)
     if _one_velocity(force):
         force = replace(force, steady=True)
-        fit = Search(force).alone()
+        fit = Search(force).fit_nominal()
     search = Search(force, tell, now=Model(fit))
     # An effect such as gravity may make up most of the required force.
     if _matches_force(fit) or any(
@@ -137,7 +139,8 @@ def driven_model(problem: Problem, begun: Solution, found: Model) -> Model | Non
     A drive that holds an axis near breakaway bends its contact, where a rigid one predicts no
     motion: so with an elastic contact, too, unless the nominal axis has one.
     """
-    free, axis = problem.free_of(found.fit), found.fit.axis
+    free = problem.free_of(found.fit)
+    axis = found.fit.axis
     try:
         fit = problem.fit(axis, free, turns=COMPARISON_ITERATIONS)
     except ValueError:
@@ -173,7 +176,7 @@ def _per_record_problem(problem: Problem, now: Solution) -> tuple[Problem, Solut
         if "coulomb" not in problem.base or not set(names).isdisjoint(problem.known):
             continue
         one = replace(problem, also=(*problem.also, *names), own=(*problem.own, *names))
-        fit = Search(one).alone()
+        fit = Search(one).fit_nominal()
         # A cause that is still missing correlates what is left, whatever differs between records.
         fall = now.held_out() - fit.held_out()
         penalty = 0.5 * math.log(one.samples) * len(names) * len(one.runs)

@@ -12,7 +12,7 @@ from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.candidates import free_amounts, is_within_records
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
-from dryfric_control.estimation.force_residual import applied
+from dryfric_control.estimation.force_residual import net_drive
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
@@ -22,7 +22,7 @@ from dryfric_control.model.friction_curve import net_force
 _PRESSED = 1.0
 
 
-def impossible(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -> str:
+def infeasible_reason(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -> str:
     """Why no machine can have a cause with these values; empty if one may."""
     values = fit.values()
     here = {n: values[n] for n in own if n in values}
@@ -51,11 +51,13 @@ def _beyond_record(problem: Problem, axes: Sequence[FrictionAxis], name: str) ->
     rows = zip(axes, problem.motions, problem.runs, strict=True)
     found = []
     for axis, motion, run in rows:
-        bare, way = problem.less(axis, name), motion.direction.astype(np.int64)
+        bare = problem.remove_effects(axis, name)
+        way = motion.direction.astype(np.int64)
         forces = [
             net_force(one, run.record.t, motion.x, motion.v, run.u, way) for one in (axis, bare)
         ]
-        drive, inertia = float(np.linalg.norm(run.u)), float(np.linalg.norm(motion.a))
+        drive = float(np.linalg.norm(run.u))
+        inertia = float(np.linalg.norm(motion.a))
         force = float(np.linalg.norm((forces[0] - forces[1])[way != 0]))
         found.append(force > max(drive, problem.believed.mass * inertia))
     return all(found)
@@ -65,12 +67,12 @@ def _drive(axis: FrictionAxis, name: str, u: Floats) -> Floats:
     """The drive as it comes to an effect: after those before it."""
     before = itertools.takewhile(lambda item: item[0] != name, named(axis).items())
     axis = axis.replace(effects=tuple(e for _, e in before if e in axis.effects))
-    return applied(axis, np.zeros(u.size), np.zeros(u.size), u, ("input",))
+    return net_drive(axis, np.zeros(u.size), np.zeros(u.size), u, ("input",))
 
 
-def unsound(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -> str:
+def rejection_reason(problem: Problem, fit: Solution, name: str, own: Sequence[str]) -> str:
     """Why a cause cannot be one; empty if it may be."""
-    reason = impossible(problem, fit, name, own)
+    reason = infeasible_reason(problem, fit, name, own)
     if reason:
         return reason
     if any(full in fit.at_bound and _is_beyond_bound(fit, full) for full in own):
@@ -91,7 +93,8 @@ def _is_beyond_bound(fit: Solution, name: str) -> bool:
 def _loss(fit: Solution, name: str, neutral: float) -> float:
     """Log-likelihood that is lost without an amount, the other parameters as they are."""
     # Standard errors do not show it: where it acts at single events, differences have no slope.
-    z, problem = fit.z.copy(), fit.problem
+    z = fit.z.copy()
+    problem = fit.problem
     for j, p in enumerate(problem.parameters):
         z[j] = p.search(max(neutral, p.low)) if p.name == name else z[j]
     return problem.tried(np.clip(z, problem.low, problem.high)).cost - fit.cost
@@ -102,13 +105,13 @@ def in_free_runs(problem: Problem, less: Solution, more: Solution) -> tuple[floa
     falls = []
     for i, w in enumerate(problem.windows):
         moving = w.moving
-        if not problem.imposed and moving.any():
-            runs = [w.unseen(*fit.held_out_axes(i), moving) for fit in (less, more)]
+        if not problem.is_imposed and moving.any():
+            runs = [w.cross_validate(*fit.held_out_axes(i), moving) for fit in (less, more)]
             before, after = (w.scores(run.costs)[moving] for run in runs)
             falls.append(before - after)
     fall = np.concatenate(falls) if falls else np.zeros(0)
     fall = fall[np.isfinite(fall)]
     if not fall.size:
         # Of an imposed motion there are no free runs: the force alone must show the cause.
-        return (0.0, 0.0) if problem.imposed else (math.inf, 0.0)
+        return (0.0, 0.0) if problem.is_imposed else (math.inf, 0.0)
     return float(fall.mean()), float(fall.std() / math.sqrt(fall.size))

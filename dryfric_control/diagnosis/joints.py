@@ -81,7 +81,8 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
             raise ValueError(f"joint {joint!r} is not there: it has {', '.join(self.diagnoses)}")
         d = self.diagnoses[joint]
         names = [n for n in dict.fromkeys((*BASE, *d.standard_errors)) if n != SHIFT]
-        axis, own = d.extended, d.extended.named_effects()
+        axis = d.extended
+        own = d.extended.named_effects()
         found = {}
         for name, value in zip(names, values_of(axis, names), strict=True):
             effect, _, part = name.partition(".")
@@ -97,7 +98,8 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
             further = [f"{n} {one}".rstrip() for n, one in numbers.items() if n not in BASE]
             runs = " -> ".join(length_text(v, d.gain.unit) for v in (d.gain.before, d.gain.after))
             causes = ", ".join(cause.effect for cause in d.causes)
-            base, rest = (numbers[n] for n in BASE), ", ".join(further)
+            base = (numbers[n] for n in BASE)
+            rest = ", ".join(further)
             rows.append((joint, d.verdict, causes or "none", runs, *base, rest or "none"))
         rows += [(joint, NOT_DIAGNOSED, *[""] * (len(head) - 2)) for joint in self.failed]
         yield rows

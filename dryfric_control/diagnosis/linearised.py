@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 
 from dryfric_control.arrays import Floats
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.compiled.linear import Recursion, adjoint, respond
+from dryfric_control.compiled.linear import Recursion, adjoint, innovation_change
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.estimation.likelihood import Likelihood, Point, recursion
@@ -30,13 +30,15 @@ class Linearised(ModelView):
     """
 
     def __init__(self, problem: Problem, likelihood: Likelihood, z: Floats) -> None:
-        self.likelihood, self.z, self.imposed = likelihood, z, problem.imposed
+        self.likelihood, self.z, self.imposed = likelihood, z, problem.is_imposed
         self.axis = likelihood.axis_at(z, 0)
         self.point = likelihood.at(z)
         records = [run.record for run in likelihood.runs]
         self.slices, self.recursions, at = [], list[Recursion](), 0
         for i, (run, states) in enumerate(zip(likelihood.runs, self.point.states, strict=True)):
-            n, dt, one = len(run.record), run.record.dt, likelihood.axis_at(z, i)
+            n = len(run.record)
+            dt = run.record.dt
+            one = likelihood.axis_at(z, i)
             self.slices.append(slice(at, at + n))
             at += n
             self.recursions.append(recursion(one, dt, states, run.w.size > 0))
@@ -59,25 +61,27 @@ class Linearised(ModelView):
         self.u = np.concatenate([run.u for run in likelihood.runs])
         loads = [r.known_force for r in records]
         known = any(one.size for one in loads)
-        self.load = np.concatenate([
-            one if one.size or not known else np.zeros(len(r))
-            for one, r in zip(loads, records, strict=True)
-        ])  # fmt: skip
+        self.load = np.concatenate(
+            [
+                one if one.size or not known else np.zeros(len(r))
+                for one, r in zip(loads, records, strict=True)
+            ]
+        )
         self.x, self.v = states[0], states[1]
-        self.a = np.concatenate([
-            np.gradient(uniform_filter1d(self.v[part], _SMOOTH)) / self.dt for part in self.slices
-        ])  # fmt: skip
+        self.a = np.concatenate(
+            [np.gradient(uniform_filter1d(self.v[part], _SMOOTH)) / self.dt for part in self.slices]
+        )
         self.direction = np.sign(states[2])
 
     def columns(self, force: Floats, reading: Floats) -> Floats:
-        """Weighted changes of the innovations, shape (n, c), see `respond`."""
+        """Weighted changes of the innovations, shape (n, c), see `innovation_change`."""
         out = np.zeros((self.x.size, max(force.shape[1], reading.shape[1])))
         if self.imposed:
             # The innovation is the force that the model would need beside the drive.
             return -force * self.scale[:, None]
         for part, one in zip(self.slices, self.recursions, strict=True):
             f, r = (np.ascontiguousarray(a[part]) for a in (force, reading))
-            respond(f, r, one, out[part])
+            innovation_change(f, r, one, out[part])
         out *= self.scale[:, None]
         return out
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dryfric_control.diagnosis.candidates import with_effect
 from dryfric_control.diagnosis.criterion import cost_of, evidence, prior_of
 from dryfric_control.diagnosis.gram import Proposal, screening_noises, with_force_factor
-from dryfric_control.diagnosis.invariants import impossible, unsound
+from dryfric_control.diagnosis.invariants import infeasible_reason, rejection_reason
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
@@ -23,7 +23,7 @@ from dryfric_control.diagnosis.thresholds import (
     MIN_DECIDING_GAIN,
     MIN_EVIDENCE,
     REMAINING_GAIN_RATIO,
-)  # fmt: skip
+)
 from dryfric_control.estimation.likelihood import Likelihood
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.scoring import (
@@ -44,9 +44,13 @@ _Top = tuple[float, tuple[float, float]]
 
 
 def fit_beside(
-    problem: Problem, axis: FrictionAxis, free: Sequence[str], now: Solution,
-    turns: int = COMPARISON_ITERATIONS, **settings: Any,
-) -> Solution:  # fmt: skip
+    problem: Problem,
+    axis: FrictionAxis,
+    free: Sequence[str],
+    now: Solution,
+    turns: int = COMPARISON_ITERATIONS,
+    **settings: Any,
+) -> Solution:
     """Fit beside a model, from its noises if it starts as likely, else from a large random force.
 
     From far away a small random force leads to a local minimum, thousands of units too high: with
@@ -99,7 +103,7 @@ def with_noises(z: FloatArray, noises: FloatArray) -> FloatArray:
     return np.concatenate((z[: z.size - noises.size], noises))
 
 
-def restored(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Solution:
+def restore_base(problem: Problem, fit: Solution, start: FrictionAxis | None) -> Solution:
     """The fit, or one with base parameters back at nominal if that is likelier.
 
     Where a cause and all base parameters together do the same, their prior alone decides, and
@@ -166,8 +170,8 @@ class ProposalFits:
 
     def begin_with(self, name: str, fit: Solution) -> None:
         """Add the row of an effect that was fitted beside the model before."""
-        own = _own(self.problem.free_of(fit), name)
-        worth = self._worth(fit, (name,))
+        own = _cause_parameters(self.problem.free_of(fit), name)
+        worth = self._row_evidence(fit, (name,))
         self.rows.append(FittedProposal((name,), own, fit, worth, (-math.inf, -math.inf)))
 
     def fit(self, proposals: Sequence[Proposal]) -> None:
@@ -180,7 +184,8 @@ class ProposalFits:
             if not waiting and joined:
                 # Joined causes are looked at if they promise more than single ones reached.
                 some = [p for p in joined if p.predicted > top[0] - FIT_SLACK]
-                waiting, joined = self._first_fits(some, proposals), []
+                waiting = self._first_fits(some, proposals)
+                joined = []
                 continue
             if not waiting:
                 return
@@ -197,7 +202,7 @@ class ProposalFits:
                 or fit.iterations < FIRST_ITERATIONS - 1
                 or turns >= COMPARISON_ITERATIONS
             ):
-                self.rows.append(self._restored(self._row(last, fit), last.proposal.held))
+                self.rows.append(self._restore_base(self._row(last, fit), last.proposal.held))
                 top = self._top()
             else:
                 waiting.append(PartialFit(last.proposal, fit, hope, last.first, turns))
@@ -210,13 +215,14 @@ class ProposalFits:
         """
         reached = [(r.names, r.fit.cost) for r in self.rows]
         reached += [(one.proposal.names, one.fit.cost) for one in waiting]
-        return [
-            one for one in waiting
-            if self._hopeful(one, top) and not any(
-                {*names} < {*one.proposal.names} and cost <= one.fit.cost
-                for names, cost in reached
+
+        def is_needless(one: PartialFit) -> bool:
+            """Whether some of its causes fit as well alone."""
+            return any(
+                {*names} < {*one.proposal.names} and cost <= one.fit.cost for names, cost in reached
             )
-        ]  # fmt: skip
+
+        return [one for one in waiting if self._can_gain(one, top) and not is_needless(one)]
 
     def _level(self, part: float) -> float:
         """Cost of the model at a factor of the raised random force.
@@ -237,10 +243,16 @@ class ProposalFits:
         What no machine can have must not outdo what it may; the others of a joined proposal go
         on without it.
         """
-        found, rest = list[PartialFit](), list[Proposal]()
+        found = list[PartialFit]()
+        rest = list[Proposal]()
         for one in filter(None, self.problem.parallel(self._first_fit, some)):
-            names, own = one.proposal.names, one.proposal.free
-            lost = [n for n in names if impossible(self.problem, one.fit, n, _own(own, n))]
+            names = one.proposal.names
+            own = one.proposal.free
+            lost = [
+                n
+                for n in names
+                if infeasible_reason(self.problem, one.fit, n, _cause_parameters(own, n))
+            ]
             if not lost:
                 found.append(one)
             elif len(lost) < len(names):
@@ -250,7 +262,9 @@ class ProposalFits:
         return [*found, *self._first_fits(rest, proposals)] if rest else found
 
     def _first_fit(self, one: Proposal) -> PartialFit | None:
-        problem, now, until = self.problem, self.now, self.problem.until
+        problem = self.problem
+        now = self.now
+        until = self.problem.until
         try:
             likelihood = problem.likelihood(one.axis, (*self.free, *one.free), each=each_of(now))
             # A random force that accelerates as much.
@@ -263,7 +277,7 @@ class ProposalFits:
                 likelihood.at(fit.z)  # says why there is no such axis
                 return None
             smooth = self._level(one.quieter) - fit.cost
-            if smooth + REMAINING_GAIN_RATIO * fit.promised < 0.5 * self._needed(one):
+            if smooth + REMAINING_GAIN_RATIO * fit.promised < 0.5 * self._required_gain(one):
                 return None
             fit = maximise(likelihood, fit.z, FIRST_ITERATIONS, until, True)
             return PartialFit(one, fit, fit.promised, (smooth, now.cost - fit.cost))
@@ -275,9 +289,10 @@ class ProposalFits:
         self, likelihood: Likelihood, z: FloatArray, own: Sequence[str], noises: FloatArray
     ) -> FloatArray:
         """Where to begin with a shape with a memory, from a part of the records."""
-        part, until = likelihood.on(self.problem.lively), self.problem.until
+        part = likelihood.on(self.problem.fast_stretches)
+        until = self.problem.until
         starts = [grid_search(part, z, own, noises)]
-        if not self.problem.imposed:
+        if not self.problem.is_imposed:
             # There the base takes up what the shape should, which may lead astray.  An imposed
             # motion is followed by no filter, and costs as much at any random force.
             starts.append(force_continuation(part, starts[0], until=until))
@@ -291,19 +306,27 @@ class ProposalFits:
 
     def _rest(self, look: PartialFit, lost: Sequence[str]) -> Proposal:
         """A proposal without some of its effects, from where its look ended."""
-        problem, one = self.problem, look.proposal
+        problem = self.problem
+        one = look.proposal
 
         names, free, remembers = (
             problem.free_without(some, *lost) for some in (one.names, one.free, one.remembers)
         )
         return replace(
-            one, names=names, free=free, remembers=remembers, cost=look.fit.cost, predicted=0.0,
-            axis=problem.less(look.fit.axis, *lost),
-            held=one.held and problem.less(one.held, *lost),
-        )  # fmt: skip
+            one,
+            names=names,
+            free=free,
+            remembers=remembers,
+            cost=look.fit.cost,
+            predicted=0.0,
+            axis=problem.remove_effects(look.fit.axis, *lost),
+            held=one.held and problem.remove_effects(one.held, *lost),
+        )
 
     def _continued_fit(self, look: PartialFit) -> Solution | None:
-        one, fit, until = look.proposal, look.fit, self.problem.until
+        one = look.proposal
+        fit = look.fit
+        until = self.problem.until
         try:
             if look.turns:
                 return maximise(fit.problem, fit.z, FIRST_ITERATIONS, until, again=True)
@@ -317,13 +340,16 @@ class ProposalFits:
 
     def _row(self, look: PartialFit, fit: Solution) -> FittedProposal:
         one = look.proposal
-        reasons = [unsound(self.problem, fit, n, _own(one.free, n)) for n in one.names]
+        reasons = [
+            rejection_reason(self.problem, fit, n, _cause_parameters(one.free, n))
+            for n in one.names
+        ]
         reason = next(filter(None, reasons), "")
         return FittedProposal(
-            one.names, one.free, fit, self._worth(fit, one.names), look.first, reason
+            one.names, one.free, fit, self._row_evidence(fit, one.names), look.first, reason
         )
 
-    def _worth(self, fit: Solution, names: Sequence[str]) -> float:
+    def _row_evidence(self, fit: Solution, names: Sequence[str]) -> float:
         return evidence(self.now, fit, [self.odds[n] for n in names])
 
     @property
@@ -336,15 +362,15 @@ class ProposalFits:
         gains = [(self.now.cost - r.fit.cost, r.first) for r in self.good]
         return max(gains, default=(-math.inf, (-math.inf, -math.inf)))
 
-    def _restored(self, row: FittedProposal, start: FrictionAxis | None) -> FittedProposal:
+    def _restore_base(self, row: FittedProposal, start: FrictionAxis | None) -> FittedProposal:
         """The row with the base back at nominal where that may decide which one is best."""
         most = max((r.evidence for r in self.rows if not r.reason), default=0.0)
         if row.reason or row.evidence + prior_of(row.fit) < max(most, 0.0):
             return row
-        fit = restored(self.problem, row.fit, start)
+        fit = restore_base(self.problem, row.fit, start)
         if fit is row.fit:
             return row
-        return replace(row, fit=fit, evidence=self._worth(fit, row.names))
+        return replace(row, fit=fit, evidence=self._row_evidence(fit, row.names))
 
     def translate(self, view: ModelView) -> None:
         """Fit rows that act as the best one does again from where that one ended.
@@ -364,7 +390,7 @@ class ProposalFits:
             same = view.same_force(effect, name, base)
             if same is None:
                 return row
-            axis = problem.less(top.fit.axis, top.names[0])
+            axis = problem.remove_effects(top.fit.axis, top.names[0])
             moved = values_of(axis, base) * (1.0 - same[1])
             free = (*self.free, *row.free)
             try:
@@ -376,21 +402,22 @@ class ProposalFits:
                 return row  # no axis can have these values
             if fit.cost >= row.fit.cost:
                 return row
-            reason = unsound(problem, fit, name, _own(row.free, name))
-            return replace(row, fit=fit, evidence=self._worth(fit, row.names), reason=reason)
+            reason = rejection_reason(problem, fit, name, _cause_parameters(row.free, name))
+            return replace(row, fit=fit, evidence=self._row_evidence(fit, row.names), reason=reason)
 
         self.rows = problem.parallel(one, self.rows)
 
-    def _needed(self, one: Proposal) -> float:
+    def _required_gain(self, one: Proposal) -> float:
         """What the causes of a proposal cost."""
         return sum(MIN_EVIDENCE + self.odds[n] for n in one.names)
 
-    def _hopeful(self, look: PartialFit, top: _Top) -> bool:
+    def _can_gain(self, look: PartialFit, top: _Top) -> bool:
         """Whether a fit may still gain what its causes cost, and as much as the best one.
 
         `top`: what that gained in the end, and at its first look: looks are compared with looks.
         """
-        one, fit = look.proposal, look.fit
+        one = look.proposal
+        fit = look.fit
         prior = prior_of(fit) - prior_of(self.now)
         gain = self.now.cost - fit.cost + REMAINING_GAIN_RATIO * look.hope
         equal = not look.turns and any(
@@ -398,9 +425,9 @@ class ProposalFits:
         )
         if not look.turns:
             gain = max(gain, one.predicted)  # a quick look may end where a cost is rough
-        pays = gain + max(prior, 0.0) > 0.5 * self._needed(one)
+        pays = gain + max(prior, 0.0) > 0.5 * self._required_gain(one)
         return pays and (equal or gain > top[0] - FIT_SLACK)
 
 
-def _own(free: Sequence[str], name: str) -> tuple[str, ...]:
+def _cause_parameters(free: Sequence[str], name: str) -> tuple[str, ...]:
     return tuple(n for n in free if n.startswith(f"{name}."))

@@ -12,12 +12,12 @@ import numpy as np
 from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.candidates import effect_class
 from dryfric_control.diagnosis.thresholds import NEGLIGIBLE_FORCE_RATIO
-from dryfric_control.estimation.force_residual import applied
+from dryfric_control.estimation.force_residual import net_drive
 from dryfric_control.estimation.likelihood import Point
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.smoothed_motion import distance_since_reversal
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.columns import View, added, difference
+from dryfric_control.model.effects.columns import View, difference, effect_contribution
 from dryfric_control.model.effects.effect import Effect
 
 #: Relative change of a nominal effect's parameter whose force is a column.
@@ -86,7 +86,7 @@ class ModelView:
     #: Largest ratio of the squared residual after to before with which an effect may join.
     least_fall = 1.0
 
-    def independent(self, left: Floats) -> float:
+    def effective_sample_size(self, left: Floats) -> float:
         """Number of independent samples of a residual."""
         return self.count
 
@@ -144,12 +144,12 @@ class ModelView:
     @cached_property
     def carried(self) -> Floats:
         """Load of the transmission: the drive after its gain and limits, and the force effects."""
-        return applied(self.axis, self.x, self.v, self.u, ("input", "force"))
+        return net_drive(self.axis, self.x, self.v, self.u, ("input", "force"))
 
     @cached_property
     def drive(self) -> Floats:
         """Drive after its gain and limits."""
-        return applied(self.axis, self.x, self.v, self.u, ("input",))
+        return net_drive(self.axis, self.x, self.v, self.u, ("input",))
 
     @cached_property
     def largest_force(self) -> float:
@@ -195,10 +195,12 @@ class ModelView:
         shortest = max(_SHORTEST_BUILDUP_INCREMENTS * self.quantum, _SHORTEST_BUILDUP * self.span)
         longest = max(_LONGEST_BUILDUP * self.span, 2.0 * shortest)
         for rests in (False, True):
-            since = np.concatenate([
-                distance_since_reversal(self.x[part], self.direction[part], rests)
-                for part in self.slices
-            ])  # fmt: skip
+            since = np.concatenate(
+                [
+                    distance_since_reversal(self.x[part], self.direction[part], rests)
+                    for part in self.slices
+                ]
+            )
             for length in np.geomspace(shortest, longest, _BUILDUPS):
                 yield -self.direction * self.level * np.exp(-since / length)
                 yield -self.direction * self.level * (since < length)
@@ -211,31 +213,35 @@ class ModelView:
         Also the relative changes of base parameters of these `names` that go with them; None if
         it acts otherwise at all its shapes.
         """
-        view, best, found = cast(View, self), NEGLIGIBLE_FORCE_RATIO, None
+        view = cast(View, self)
+        best = NEGLIGIBLE_FORCE_RATIO
+        found = None
         values = dict(zip(effect.parameters(), effect.values, strict=True))
-        force = added(type(effect), values, view)
+        force = effect_contribution(type(effect), values, view)
         for one in effect_class(name).columns(view):
             columns = [*one.force, *self.base_forces(names)]
             if not one.force or not np.any(force):
                 continue
-            c, left = self._alike(force, columns)
+            c, left = self._fit_forces(force, columns)
             if left < best and not (one.positive and c[0] <= 0.0):
                 width = len(one.force)
-                best, found = left, (one.values(c[:width].tolist()), c[width:])
+                best = left
+                found = (one.values(c[:width].tolist()), c[width:])
         return found
 
     def taken_over(self, effect: Effect, names: Sequence[str]) -> Floats:
         """Changes of base parameters of these `names` that act most as an effect does."""
         values = dict(zip(effect.parameters(), effect.values, strict=True))
-        force = added(type(effect), values, cast(View, self))
-        return self._alike(force, self.base_forces(names))[0] * values_of(self.axis, names)
+        force = effect_contribution(type(effect), values, cast(View, self))
+        return self._fit_forces(force, self.base_forces(names))[0] * values_of(self.axis, names)
 
-    def _alike(self, force: Floats, columns: Sequence[Floats]) -> tuple[Floats, float]:
+    def _fit_forces(self, force: Floats, columns: Sequence[Floats]) -> tuple[Floats, float]:
         """Coefficients of the forces that together are nearest to one while sliding; part left."""
         m = np.stack([c * (self.direction != 0.0) for c in columns], axis=1)
         size = np.maximum(np.linalg.norm(m, axis=0), 1e-300)
         c = np.linalg.lstsq(m / size, force, rcond=1e-9)[0] / size
-        left = float(np.linalg.norm(force - m @ c)) / max(float(np.linalg.norm(force)), 1e-300)
+        whole = max(float(np.linalg.norm(force)), 1e-300)
+        left = float(np.linalg.norm(force - m @ c)) / whole
         return np.asarray(c), left
 
     def project_out(self, columns: Floats, ridge: float = 1e-6) -> None:
@@ -275,14 +281,17 @@ class ModelView:
         bins = 2 ** math.ceil(math.log2(8.0 * most + 64.0))
         place = np.minimum((along / length * bins).astype(int), bins - 1)
         signal = np.bincount(place, reading if kind == "reading" else force, bins)
-        power = np.abs(np.fft.rfft(signal, _PER_LOBE * bins))[: int(_PER_LOBE * most)] ** 2
+        spectrum = np.abs(np.fft.rfft(signal, _PER_LOBE * bins))
+        power = spectrum[: int(_PER_LOBE * most)] ** 2
         wave = np.arange(power.size) / _PER_LOBE
         at = np.geomspace(_FEWEST_PERIODS, most, _SIZES)
         angles = 2.0 * np.pi * at * along[:, None] / length
         sines = [*np.sin(angles).T, *np.cos(angles).T]
         found = self.of_readings(sines) if kind == "reading" else self.of_forces(sines)
-        size = np.maximum((found**2).sum(axis=0).reshape(2, -1).sum(axis=0), 1e-300)
-        power /= np.exp(np.interp(np.log(np.maximum(wave, 1.0)), np.log(at), np.log(size)))
+        size = (found**2).sum(axis=0).reshape(2, -1).sum(axis=0)
+        size = np.maximum(size, 1e-300)
+        logarithm = np.log(np.maximum(wave, 1.0))
+        power /= np.exp(np.interp(logarithm, np.log(at), np.log(size)))
         power[wave < _FEWEST_PERIODS] = 0.0
         peaks: list[float] = []
         while len(peaks) < _PEAKS and power.any():

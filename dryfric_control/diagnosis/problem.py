@@ -85,7 +85,7 @@ class Problem:
         return tuple(SmoothedMotion.from_record(r.record, self.believed.mass) for r in self.runs)
 
     @cached_property
-    def lively(self) -> tuple[Run, ...]:
+    def fast_stretches(self) -> tuple[Run, ...]:
         """Each record on the stretch with the fastest strokes: it tells where a fit begins."""
         pairs = zip(self.runs, self.motions, strict=True)
         return tuple(_with_long_strokes(run, motion) for run, motion in pairs)
@@ -106,7 +106,7 @@ class Problem:
         """Amounts of the nominal effects that act as a force: no more certain than the base."""
         found = []
         for name, effect in named(self.believed).items():
-            if effect.action in _UNSURE and not (self.imposed and effect.action == "input"):
+            if effect.action in _UNSURE and not (self.is_imposed and effect.action == "input"):
                 found += [full for full, _, _ in free_amounts(name, own_names(name))]
         values = values_of(self.believed, found)
         return tuple(n for n, v in zip(found, values, strict=True) if v != 0.0)
@@ -129,13 +129,13 @@ class Problem:
         return tuple(n for n in self.nominal if n not in held)
 
     @property
-    def imposed(self) -> bool:
+    def is_imposed(self) -> bool:
         """Whether the motion is imposed by something other than the drive."""
         return issubclass(self.view, ForceView)
 
     def is_muted(self, fit: Solution) -> bool:
         """Whether the random force is too large, beside the friction, to explain anything."""
-        return not self.imposed and fit.largest_force > max(
+        return not self.is_imposed and fit.largest_force > max(
             MAX_RANDOM_FORCE_RATIO * fit.axis.coulomb.mean, 0.0
         )
 
@@ -144,35 +144,42 @@ class Problem:
 
         What acts rarely gains no more than what its outliers cost above those of normal noise.
         """
-        if self.imposed or not fit.largest_force < NEGLIGIBLE_FORCE_RATIO * fit.axis.coulomb.mean:
+        if (
+            self.is_imposed
+            or not fit.largest_force < NEGLIGIBLE_FORCE_RATIO * fit.axis.coulomb.mean
+        ):
             return math.inf
         return self.outliers(fit)
 
     def outliers(self, fit: Solution) -> float:
         """Log-likelihood that innovations cost beyond the tail of as many normal ones."""
-        rows = [
-            out[0] ** 2 / out[1] for run, one in zip(fit.problem.runs, fit.point.out, strict=True)
-            for out in (one[:, run.active & (one[1] > 0.0)],)
-        ]  # fmt: skip
+        rows = []
+        for run, one in zip(fit.problem.runs, fit.point.out, strict=True):
+            innovation, variance, *_ = one[:, run.active & (one[1] > 0.0)]
+            rows.append(innovation**2 / variance)
         ratios = np.concatenate(rows)
         # The largest of n squares of a normal variable is about 2 log n.
         normal = 2.0 * math.log(max(ratios.size, 1)) / NORMAL_VARIANCE_RATIO
         lost = np.log((FREEDOM + np.maximum(ratios, normal)) / (FREEDOM + normal))
         return float(0.5 * (FREEDOM + 1.0) * lost.sum())
 
-    def spent(self, fit: Solution) -> bool:
+    def is_exhausted(self, fit: Solution) -> bool:
         """Whether no cause can be left: what spares assumptions gains what these cost, no more."""
         return self.left(fit) + fit.problem.prior(fit.z) < MIN_EVIDENCE
 
     @property
-    def late(self) -> bool:
+    def is_overdue(self) -> bool:
         """Whether the time limit has passed."""
         return time.monotonic() > self.until
 
     def likelihood(
-        self, axis: FrictionAxis, free: Sequence[str] = (), base: Sequence[str] | None = None,
-        wonder: bool = True, each: Mapping[tuple[str, int], float] | None = None,
-    ) -> Likelihood:  # fmt: skip
+        self,
+        axis: FrictionAxis,
+        free: Sequence[str] = (),
+        base: Sequence[str] | None = None,
+        wonder: bool = True,
+        each: Mapping[tuple[str, int], float] | None = None,
+    ) -> Likelihood:
         """Likelihood of an axis with the base and further parameters free."""
         clock = () if self.shift is None else (SHIFT,)
         base = self.base if base is None else base
@@ -184,11 +191,19 @@ class Problem:
         rest = axis.replace(effects=tuple(e for e in axis.effects if e not in kept)).effective()
         axis = rest.replace(effects=(*rest.effects, *kept)) if kept else rest
         problem = self.view(
-            axis, names, self.runs, believed=self.believed, tolerance=self.tolerance,
-            own=self.own, each=each, hold=self.hold, scales=self.scales, wonder=wonder,
+            axis,
+            names,
+            self.runs,
+            believed=self.believed,
+            tolerance=self.tolerance,
+            own=self.own,
+            each=each,
+            hold=self.hold,
+            scales=self.scales,
+            wonder=wonder,
             priors=tuple(self.nominal),
             shift=self.shift or 0.0,
-        )  # fmt: skip
+        )
         records = [r.record for r in self.runs]
         for j, p in enumerate(problem.parameters):
             if p.name == SHIFT:
@@ -200,9 +215,13 @@ class Problem:
         return problem
 
     def fit(
-        self, axis: FrictionAxis, free: Sequence[str] = (), noises: FloatArray | None = None,
-        turns: int = COMPARISON_ITERATIONS, **settings: Any,
-    ) -> Solution:  # fmt: skip
+        self,
+        axis: FrictionAxis,
+        free: Sequence[str] = (),
+        noises: FloatArray | None = None,
+        turns: int = COMPARISON_ITERATIONS,
+        **settings: Any,
+    ) -> Solution:
         """Most likely parameters, starting from the values of an axis."""
         problem = self.likelihood(axis, free, **settings)
         return maximise(problem, problem.start(1.0, noises), turns, self.until)
@@ -253,7 +272,7 @@ class Problem:
         owner, _, part = name.partition(".")
         return f"{BIAS}.force" in self.own and part == effect_class(owner).adds_constant
 
-    def less(self, axis: FrictionAxis, *names: str) -> FrictionAxis:
+    def remove_effects(self, axis: FrictionAxis, *names: str) -> FrictionAxis:
         """The axis with effects as in the nominal axis, or without them if that has none."""
         for name in reversed(names):
             axis = put(axis, name, named(self.believed).get(name))
@@ -299,13 +318,15 @@ def _with_long_strokes(run: Run, motion: SmoothedMotion) -> Run:
     sliding = np.flatnonzero(motion.direction)
     turned = np.flatnonzero(np.diff(motion.direction[sliding]))
     reversals = np.array([0, *sliding[turned + 1], len(run.record)])
-    starts, ends = reversals[: -SEARCH_REVERSALS - 1], reversals[SEARCH_REVERSALS + 1 :]
+    starts = reversals[: -SEARCH_REVERSALS - 1]
+    ends = reversals[SEARCH_REVERSALS + 1 :]
     if not starts.size or len(run.pieces) > 1:
         return run
     path = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(motion.x)))))
     path = np.append(path, path[-1])
     best = int(np.argmax((path[ends] - path[starts]) / (ends - starts)))
-    start, end = int(starts[best]), int(ends[best])
+    start = int(starts[best])
+    end = int(ends[best])
     active = run.active.copy()
     active[:start] = active[end:] = False
     return replace(run, active=active, pieces=((start, end),))

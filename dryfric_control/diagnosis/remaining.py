@@ -38,8 +38,9 @@ class Remaining(Result):
 
     rms: float = stated(
         "Its RMS [N], as a force held over each sample; 0 if the errors of free runs do not exceed "
-        "the noise of the readings.", 0.0
-    )  # fmt: skip
+        "the noise of the readings.",
+        0.0,
+    )
     correlation_time: float = stated("[s]; 0 for white noise and below one sample.", 0.0)
     structured: bool = stated(
         "Whether free runs have larger errors than a white force of this size causes.", False
@@ -68,7 +69,10 @@ def remaining_force(
     found: Solution, structured: bool, where: Sequence[str], unit: str
 ) -> Remaining:
     """Random force of a fit, from the filter's corrections of the velocity."""
-    force, sizes, lags, count = [], [], np.zeros(_MAX_LAG + 1), 0
+    force = []
+    sizes = []
+    lags = np.zeros(_MAX_LAG + 1)
+    count = 0
     for i, (state, run) in enumerate(zip(found.point.states, found.problem.runs, strict=True)):
         axis = found.problem.axis_at(found.z, i)
         sliding = (state[2] != 0.0) & run.active
@@ -83,10 +87,9 @@ def remaining_force(
         count += int(sliding.sum())
     frequency, spectrum = force[0]
     edges = np.unique(np.geomspace(1, frequency.size, _SPECTRUM_VALUES + 1).astype(int))
-    middle, power = (
-        tuple(float(one[a:b].mean()) for a, b in itertools.pairwise(edges))
-        for one in (frequency, spectrum)
-    )
+    bands = [slice(a, b) for a, b in itertools.pairwise(edges)]
+    middle = tuple(float(frequency[band].mean()) for band in bands)
+    power = tuple(float(spectrum[band].mean()) for band in bands)
     time = 0.0
     if lags[0] > 0.0 and count > 10:
         samples = integrate_autocorrelation(lags[:-1] / lags[0], count)

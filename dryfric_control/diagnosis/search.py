@@ -17,10 +17,10 @@ from dryfric_control.diagnosis.candidates import (
     held_by,
     with_effect,
 )
-from dryfric_control.diagnosis.criterion import cost_of, evidence, surprises
+from dryfric_control.diagnosis.criterion import cost_of, evidence, nominal_error_costs
 from dryfric_control.diagnosis.force_view import ForceView
 from dryfric_control.diagnosis.gram import REVERSAL, Gram, Proposal
-from dryfric_control.diagnosis.invariants import in_free_runs, unsound
+from dryfric_control.diagnosis.invariants import in_free_runs, rejection_reason
 from dryfric_control.diagnosis.looks import FittedProposal, ProposalFits, fit_beside
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
@@ -37,7 +37,7 @@ from dryfric_control.diagnosis.thresholds import (
     REMAINING_GAIN_RATIO,
     STRONG_EVIDENCE,
     STRONG_EVIDENCE_FRACTION,
-)  # fmt: skip
+)
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.scoring import (
     COMPARISON_ITERATIONS,
@@ -74,7 +74,7 @@ class Model:
     worth: dict[str, float] = field(default_factory=dict)
     less: dict[str, Model] = field(default_factory=dict)
 
-    def own(self, name: str) -> tuple[str, ...]:
+    def cause_parameters(self, name: str) -> tuple[str, ...]:
         """Free parameters of one cause."""
         names = dict.fromkeys(self.fit.problem.names)
         return tuple(n for n in names if n.startswith(f"{name}."))
@@ -115,13 +115,14 @@ class Search:
     #: The pass of the last round.
     view: ModelView | None = None
 
-    def alone(self) -> Solution:
+    def fit_nominal(self) -> Solution:
         """The nominal structure with its base fitted, from the nominal values and by continuation.
 
         The prior has a narrow valley at the nominal values, which continuation must not see.
         """
         problem = self.problem
-        axis, nominal = problem.believed, problem.nominal
+        axis = problem.believed
+        nominal = problem.nominal
         speed = problem.scales.length / problem.scales.time
         level = nominal["coulomb"]
         # The other start: 80 % of the dry friction replaced by viscous friction.
@@ -137,7 +138,7 @@ class Search:
             return maximise(problem.likelihood(start), z, FIRST_ITERATIONS, problem.until)
 
         best = fit(axis, True)
-        if not (problem.late or problem.spent(best)):
+        if not (problem.is_overdue or problem.is_exhausted(best)):
             rows = problem.parallel(fit, starts, [False] * len(starts))
             best = min([best, *rows], key=cost_of)
         return maximise(best.problem, best.z, COMPARISON_ITERATIONS, problem.until, again=True)
@@ -148,13 +149,17 @@ class Search:
         And whether the force shows that friction builds up after reversals.
         """
         problem, nominal = self.problem, self.problem.nominal_fit
-        axis, names, free = problem.believed, tuple[str, ...](), tuple[str, ...]()
+        axis = problem.believed
+        names = tuple[str, ...]()
+        free = tuple[str, ...]()
         gram = self._by_force(problem.fit(axis, (), noises_of(nominal), 0))
         late, limit = ForceView(problem, axis).late_drive()
         for name, values in ((DELAY, {"delay": late}), (LIMIT, {"limit": limit})):
             if all(0.0 < v < math.inf for v in values.values()) and name in gram.names:
                 start = with_effect(axis, name, values)
-                axis, names, free = start.axis, (*names, name), (*free, *start.free)
+                axis = start.axis
+                names = (*names, name)
+                free = (*free, *start.free)
         if names:
             beside = self._by_force(problem.fit(axis, free, noises_of(nominal), 0), names)
             # A late drive may do what another missing force does: it must leave less.
@@ -163,11 +168,13 @@ class Search:
             ):
                 gram = beside
             else:
-                axis, names, free = problem.believed, (), ()
-        self.first = gram.singles | self.first
+                axis = problem.believed
+                names = ()
+                free = ()
+        self.first = gram.single_gains | self.first
         for name, odds in gram.odds.items():
             self.odds[name] = max(odds, self.odds.get(name, 0.0))
-        starts, builds_up = gram.whole(MAX_CAUSES - len(names))
+        starts, builds_up = gram.full_selection(MAX_CAUSES - len(names))
         if not starts and not names:
             return Model(nominal), builds_up
         begins = [(one.axis, (*free, *one.free)) for one in starts] or [(axis, free)]
@@ -177,9 +184,9 @@ class Search:
 
     def _by_force(self, fit: Solution, causes: Sequence[str] = ()) -> Gram:
         """Normal equations of the force that a model lacks."""
-        names = self._addable(Model(fit, tuple(causes)))
+        names = self._candidate_effects(Model(fit, tuple(causes)))
         view = ForceView(self.problem, fit.axis)
-        return Gram(self.problem, fit, names, self._fail, view)
+        return Gram(self.problem, fit, names, self._note_failure, view)
 
     def after_reversals(self, forces: Model, begin: Model) -> Model:
         """The likeliest of three: a model by forces, one effect with a memory, and both together.
@@ -191,70 +198,72 @@ class Search:
         if not begin.causes:
             return begin  # the search begins with an effect beside none anyway
         alone = Model(problem.fit(problem.believed, noises=noises_of(problem.nominal_fit)))
-        some = {n for n in self._addable(alone) if effect_class(n).remembers}
-        row = self._chosen(alone, self.round(alone, among=some) if some else ())
+        some = {n for n in self._candidate_effects(alone) if effect_class(n).remembers}
+        row = self._select_proposal(alone, self.round(alone, among=some) if some else ())
         if row is None:
             return begin
-        contact, axis = Model(row.fit, row.names), row.fit.axis
+        contact = Model(row.fit, row.names)
+        axis = row.fit.axis
         for name, effect in named(forces.fit.axis).items():
             if name in forces.causes:
                 axis = put(axis, name, effect)
         free = (*problem.free_of(row.fit), *problem.free_of(forces.fit))
         joined = Model(fit_beside(problem, axis, free, row.fit), (*row.names, *forces.causes))
         best = begin
-        for one in (contact, self.pruned(joined)):
-            best = one if self.over(one, best) > 0.0 else best
-        return self.weighed(best)
+        for one in (contact, self.eliminate_causes(joined)):
+            best = one if self.net_evidence(one, best) > 0.0 else best
+        return self.weigh_causes(best)
 
     def run(self, now: Model) -> Model:
         """Causes added, exchanged and dropped until the set stays; the likeliest set on the way."""
         seen = dict[frozenset[str], float]()
         top = now
-        while not self.problem.late:
-            top = now if self.over(now, top) > 0.0 else top
+        while not self.problem.is_overdue:
+            top = now if self.net_evidence(now, top) > 0.0 else top
             self.now, key = now, frozenset(now.causes)
             # A model that is found again likelier than before is searched again.
             if now.fit.cost < seen.get(key, math.inf) - FIT_SLACK:
                 seen[key] = now.fit.cost
                 step = f"cause {len(now.causes) + 1}" if now.causes else "first cause"
                 self.tell(step, now.causes)
-                row, there = self.best(now), self.refound(now)
+                row = self.best_proposal(now)
+                there = self.restart_model(now)
                 if there is not None:
                     now = there
                     continue
                 if row is not None:
-                    joined = self.weighed(Model(row.fit, (*now.causes, *row.names)))
-                    now = self.opened(self.pruned(joined))
+                    joined = self.weigh_causes(Model(row.fit, (*now.causes, *row.names)))
+                    now = self.refit_forms(self.eliminate_causes(joined))
                     # What the force shows clearly may be hidden in free runs by another cause.
                     if frozenset(now.causes) == key and row.evidence > STRONG_EVIDENCE:
-                        now = self.together(joined) or now
+                        now = self.add_hidden_cause(joined) or now
                 # Nothing joins, or what did is not there beside the others.
                 if now.causes and frozenset(now.causes) == key and not self._kept_before(key):
                     self.tell("exchange", now.causes)
-                    now = self.exchanged(now)
+                    now = self.exchange_cause(now)
                     if frozenset(now.causes) == key:
                         self.kept.add(key)
                 continue
             break
-        return now if self.over(now, top) > -EQUAL_EVIDENCE else top
+        return now if self.net_evidence(now, top) > -EQUAL_EVIDENCE else top
 
     def _kept_before(self, key: frozenset[str]) -> bool:
         """Whether an exchange in a set of causes was decided against with other inputs."""
         return self.before is not None and key in self.before.kept
 
-    def together(self, joined: Model) -> Model | None:
+    def add_hidden_cause(self, joined: Model) -> Model | None:
         """A model with one cause more, if free runs show that, or what joined, beside each other.
 
         One may hide the other: the errors that one leaves alone are then all that free runs show.
         """
-        alone = self.pruned(joined, free_runs=False)
-        row = self.best(alone) if {*alone.causes} == {*joined.causes} else None
+        alone = self.eliminate_causes(joined, free_runs=False)
+        row = self.best_proposal(alone) if {*alone.causes} == {*joined.causes} else None
         if row is None:
             return None
-        found = self.opened(self.pruned(Model(row.fit, (*alone.causes, *row.names))))
+        found = self.refit_forms(self.eliminate_causes(Model(row.fit, (*alone.causes, *row.names))))
         return found if len(found.causes) >= len(alone.causes) else None
 
-    def opened(self, now: Model) -> Model:
+    def refit_forms(self, now: Model) -> Model:
         """The model with what its causes have held free, or in another form, if likelier."""
         free, axis = self.problem.free_of(now.fit), now.fit.axis
         more = [n for name in now.causes for n in held_by(name) if n not in free]
@@ -274,7 +283,7 @@ class Search:
             )
         return replace(now, fit=fit) if evidence(now.fit, fit) > 0.0 else now
 
-    def refound(self, now: Model) -> Model | None:
+    def restart_model(self, now: Model) -> Model | None:
         """The model likelier than before, from where the likeliest fit with no cause ended.
 
         What is likelier with a cause at no amount is a better fit of the model itself.
@@ -285,50 +294,51 @@ class Search:
             return None
         there = Model(row.fit, (*now.causes, *row.names))
         for name in reversed(row.names):
-            there = self.without(there, name)
+            there = self.remove_cause(there, name)
         return there if there.fit.cost < now.fit.cost - FIT_SLACK else None
 
-    def best(self, now: Model) -> FittedProposal | None:
+    def best_proposal(self, now: Model) -> FittedProposal | None:
         """The proposal that joins; of equally good ones the one with fewest assumptions."""
-        return self._chosen(now, self.round(now) if len(now.causes) < MAX_CAUSES else ())
+        return self._select_proposal(now, self.round(now) if len(now.causes) < MAX_CAUSES else ())
 
-    def _chosen(self, now: Model, rows: Sequence[FittedProposal]) -> FittedProposal | None:
+    def _select_proposal(self, now: Model, rows: Sequence[FittedProposal]) -> FittedProposal | None:
         room = MAX_CAUSES - len(now.causes)
         good = [r for r in rows if r.good and len(r.names) <= room]
         # What fits no better than one with fewer parameters gains nothing over it on unseen data.
-        good = [r for r in good if not any(_simpler(o, r) for o in good)]
+        good = [r for r in good if not any(_is_simpler(o, r) for o in good)]
         if not good:
             return None
         top = max(r.evidence for r in good)
         return min((r for r in good if r.evidence > top - EQUAL_EVIDENCE), key=_assumptions)
 
     def round(
-        self, now: Model, other: Solution | None = None, among: Collection[str] = (),
+        self,
+        now: Model,
+        other: Solution | None = None,
+        among: Collection[str] = (),
         known: tuple[str, Solution] | None = None,
-    ) -> list[FittedProposal]:  # fmt: skip
+    ) -> list[FittedProposal]:
         """Proposals beside a model, fitted; none where nothing is left to explain.
 
         `other`: another explanation; `among`: the effects that are proposed, all if empty;
         `known`: an effect that was fitted beside it, and that fit.
         """
-        if self.problem.spent(now.fit):
+        if self.problem.is_exhausted(now.fit):
             return []
         key = frozenset(now.causes)
-        if key in self._rounds and self._rounds[key][0].cost <= now.fit.cost + FIT_SLACK:
-            whole = not self._among.get(key) or ({*among} and {*among} <= self._among[key])
-            if whole and (other is not None or key not in self._spared_rounds):
-                return self._rounds[key][1]
+        if self._is_known_round(now, other is not None, among):
+            return self._rounds[key][1]
         grams = self._grams(now)
-        looks = ProposalFits(self.problem, now.fit, self.odds, self._fail)
+        looks = ProposalFits(self.problem, now.fit, self.odds, self._note_failure)
         if known is not None:
             self.odds.setdefault(known[0], self._odds(known[0]))
             looks.begin_with(*known)
-        tried = self._open(key, _about(among, self._proposals(now, grams)))
+        tried = self._open(key, _filter_proposals(among, self._proposals(now, grams)))
         looks.fit(tried)
         if self._memory_wanted(now, grams, looks, other, among):
             for gram in grams:
                 gram.simulate()
-            shapes = self._open(key, _about(among, self._proposals(now, grams)))
+            shapes = self._open(key, _filter_proposals(among, self._proposals(now, grams)))
             looks.fit(shapes)
             tried += shapes
             self._spared_rounds.discard(key)
@@ -341,10 +351,20 @@ class Search:
         good = {frozenset(r.names) for r in looks.good}
         self.idle.setdefault(key, set()).update({frozenset(p.names) for p in tried} - good)
         if not now.causes:
-            gains = {r.names[0]: now.fit.cost - r.fit.cost for r in rows if len(r.names) == 1}
+            single = [r for r in rows if len(r.names) == 1]
+            gains = {r.names[0]: now.fit.cost - r.fit.cost for r in single}
             self.first = self.first | gains
         self._rounds[key] = now.fit, rows
         return rows
+
+    def _is_known_round(self, now: Model, explained: bool, among: Collection[str]) -> bool:
+        """Whether a round beside a model was made; where `explained`, one without memory does."""
+        key = frozenset(now.causes)
+        if key not in self._rounds or self._rounds[key][0].cost > now.fit.cost + FIT_SLACK:
+            return False
+        if self._among.get(key) and not ({*among} and {*among} <= self._among[key]):
+            return False
+        return explained or key not in self._spared_rounds
 
     def _open(self, key: frozenset[str], some: list[Proposal]) -> list[Proposal]:
         """Proposals beside a set of causes that were not decided against with other inputs."""
@@ -352,9 +372,13 @@ class Search:
         return [one for one in some if frozenset(one.names) not in idle]
 
     def _memory_wanted(
-        self, now: Model, grams: Sequence[Gram], looks: ProposalFits, other: Solution | None,
+        self,
+        now: Model,
+        grams: Sequence[Gram],
+        looks: ProposalFits,
+        other: Solution | None,
         among: Collection[str],
-    ) -> bool:  # fmt: skip
+    ) -> bool:
         """Whether shapes with a memory, which take passes of the filter, are tried in a round.
 
         Where friction builds up after reversals, or single readings are far off, and no
@@ -363,15 +387,17 @@ class Search:
         """
         if among and not any(effect_class(n).remembers for n in among):
             return False
-        fits = [now.fit, *(r.fit for r in looks.good), *([] if other is None else [other])]
+        fits = [now.fit, *(r.fit for r in looks.good)]
+        if other is not None:
+            fits.append(other)
         if not all(self.problem.left(fit) >= MIN_EVIDENCE for fit in fits):
             return False
         last = MAX_CAUSES if other is None and not looks.good else 1
         return (
             self._after_reversal(now, grams) < last
             or (last > 1 and self.problem.outliers(now.fit) > STRONG_EVIDENCE)
-            or any(gram.bends for gram in grams)
-            or self.problem.imposed  # where a shape takes no pass of the filter
+            or any(gram.has_bristles for gram in grams)
+            or self.problem.is_imposed  # where a shape takes no pass of the filter
         )
 
     def _after_reversal(self, now: Model, grams: Sequence[Gram]) -> int:
@@ -386,28 +412,30 @@ class Search:
 
     def _grams(self, now: Model) -> list[Gram]:
         """Normal equations beside the model, and with its base at nominal if that has moved."""
-        names, found = self._addable(now), list[Gram]()
+        names = self._candidate_effects(now)
+        found = list[Gram]()
         for fit in (now.fit, *self._nominal(now.fit)):
-            if not self.problem.late:
-                found.append(Gram(self.problem, fit, names, self._fail))
+            if not self.problem.is_overdue:
+                found.append(Gram(self.problem, fit, names, self._note_failure))
         if found and now.causes:
             self._merges[frozenset(now.causes)] = [*found[0].merges(now.causes)]
         return found
 
     def _proposals(self, now: Model, grams: Sequence[Gram]) -> list[Proposal]:
         """New starts beside the model, with its base as it is and at nominal."""
-        best, chosen = dict[_Start, Proposal](), list[_Start]()
+        best = dict[_Start, Proposal]()
+        chosen = list[_Start]()
         self.early = 0.0
         for gram in grams:
-            if self.problem.late:
+            if self.problem.is_overdue:
                 break
             count = MAX_SINGLE_PROPOSALS if gram.fit is now.fit else MAX_SINGLE_PROPOSALS // 2
             for name, odds in gram.odds.items():
                 self.odds[name] = max(odds, self.odds.get(name, 0.0))
-            self.early, self.view = max(self.early, gram.early()), gram.here
+            self.early, self.view = max(self.early, gram.input_lead_gain()), gram.here
             proposals = gram.proposals()
             if not now.causes and gram.fit is now.fit:
-                self.first = gram.singles | self.first
+                self.first = gram.single_gains | self.first
             for one in proposals:
                 # What holds the base is wanted where that is at nominal: beside the last model.
                 key = _start_of(one)
@@ -419,12 +447,13 @@ class Search:
             chosen += map(_start_of, some)
         return _likeliest_shapes([best[key] for key in dict.fromkeys(chosen)])
 
-    def _addable(self, now: Model) -> list[str]:
+    def _candidate_effects(self, now: Model) -> list[str]:
         """Effects that may be added to a model."""
-        problem, found = self.problem, []
+        problem = self.problem
+        found = []
         for name in catalogue(now.fit.axis, now.causes):
             effect = effect_class(name)
-            if problem.imposed:
+            if problem.is_imposed:
                 # The drive follows the friction there: as the load it would explain itself.
                 # Of effects with a memory a contact alone follows from the motion.
                 acts = effect.action in ("force", "friction", "axis", "contact")
@@ -440,12 +469,13 @@ class Search:
             found.append(name)
         return sorted(found)  # sums over columns in another order differ by round-off
 
-    def _fail(self, name: str, reason: str) -> None:
+    def _note_failure(self, name: str, reason: str) -> None:
         self.not_tried.setdefault(name, reason)
 
-    def _moved(self, fit: Solution) -> bool:
+    def _base_differs(self, fit: Solution) -> bool:
         """Whether a base parameter is notably off its nominal value."""
-        values, nominal = fit.values(), self.problem.nominal
+        values = fit.values()
+        nominal = self.problem.nominal
         names = [n for n in self.problem.base if n in values and nominal[n] != 0.0]
         ratios = (max(values[n] / nominal[n], 1e-300) for n in names)
         return any(abs(math.log(ratio)) > MIN_BASE_CHANGE for ratio in ratios)
@@ -456,7 +486,7 @@ class Search:
         None where its effects allow no such axis: a spring that is far too stiff for the mass.
         """
         problem = self.problem
-        if not self._moved(fit):
+        if not self._base_differs(fit):
             return []
         names = [n for n in problem.base if n in fit.problem.names]
         axis = with_values(fit.axis, names, [problem.nominal[n] for n in names])
@@ -464,10 +494,11 @@ class Search:
         there = problem.fit(axis, problem.free_of(fit), noises, 0, each=each_of(fit))
         return [there] if math.isfinite(there.cost) else []
 
-    def without(self, now: Model, name: str) -> Model:
+    def remove_cause(self, now: Model, name: str) -> Model:
         """The model fitted without one cause; those of its kind are counted again."""
-        problem, fit = self.problem, now.fit
-        axis = self._spared(fit, name)
+        problem = self.problem
+        fit = now.fit
+        axis = self._reduced_axis(fit, name)
         rest = problem.free_without(problem.free_of(fit), name)
         causes = problem.free_without(now.causes, name)
         before = self._rounds.get(frozenset(causes))
@@ -479,9 +510,9 @@ class Search:
             less = maximise(less.problem, less.z, COMPARISON_ITERATIONS, problem.until, again=True)
         return Model(min(less, before[0], key=cost_of), causes)
 
-    def _spared(self, fit: Solution, name: str) -> FrictionAxis:
+    def _reduced_axis(self, fit: Solution, name: str) -> FrictionAxis:
         """The axis without a cause, the base in its place where that is likelier to begin with."""
-        problem, axis = self.problem, self.problem.less(fit.axis, name)
+        problem, axis = self.problem, self.problem.remove_effects(fit.axis, name)
         base = [n for n in problem.base if n in fit.problem.names]
         if self.view is None or not base:
             return axis
@@ -496,51 +527,61 @@ class Search:
 
         return min((axis, moved), key=cost)
 
-    def weighed(self, now: Model) -> Model:
+    def weigh_causes(self, now: Model) -> Model:
         """The model with those without each cause, and the evidence for each."""
-        if now.less or self.problem.late:
+        if now.less or self.problem.is_overdue:
             return now
-        lesser = self.problem.parallel(self.without, [now] * len(now.causes), now.causes)
+        lesser = self.problem.parallel(self.remove_cause, [now] * len(now.causes), now.causes)
         less = dict(zip(now.causes, lesser, strict=True))
         worth = {n: evidence(less[n].fit, now.fit, [self._odds(n)]) for n in now.causes}
         return replace(now, worth=worth, less=less)
 
-    def pruned(self, now: Model, free_runs: bool = True) -> Model:
+    def eliminate_causes(self, now: Model, free_runs: bool = True) -> Model:
         """Backward elimination: causes without evidence beside the others go, worst first.
 
         `free_runs`: also those that free runs do not show.
         """
-        now = self._sound(now)
-        while (now := self.weighed(now)).less:
-            worth, less = now.worth, now.less
+        now = self._remove_implausible(now)
+        while (now := self.weigh_causes(now)).less:
+            worth = now.worth
+            less = now.less
             worst = min(worth, key=worth.__getitem__)
             lost = [worst] if worth[worst] <= 0.0 else []
             most = max((w for w in worth.values() if math.isfinite(w)), default=0.0)
             alone = max(STRONG_EVIDENCE, STRONG_EVIDENCE_FRACTION * most)
             for name in now.causes:
-                if free_runs and worth[name] < alone and not self._seen(less[name].fit, now.fit):
+                if (
+                    free_runs
+                    and worth[name] < alone
+                    and not self._is_visible(less[name].fit, now.fit)
+                ):
                     lost.append(name)
             if not lost:
                 return now
-            now = self._sound(less[lost[0]])
+            now = self._remove_implausible(less[lost[0]])
         return now
 
-    def _sound(self, now: Model) -> Model:
+    def _remove_implausible(self, now: Model) -> Model:
         """The model without causes that are none: those cost a pass each to see, no fit."""
-        while now.causes and not self.problem.late:
-            lost = (n for n in now.causes if unsound(self.problem, now.fit, n, now.own(n)))
+        while now.causes and not self.problem.is_overdue:
+            lost = (
+                n
+                for n in now.causes
+                if rejection_reason(self.problem, now.fit, n, now.cause_parameters(n))
+            )
             name = next(lost, None)
             if name is None:
                 break
-            now = now.less[name] if name in now.less else self.without(now, name)
+            now = now.less[name] if name in now.less else self.remove_cause(now, name)
         return now
 
-    def _seen(self, less: Solution, more: Solution) -> bool:
+    def _is_visible(self, less: Solution, more: Solution) -> bool:
         """Whether a cause shows in free runs too, unless it is there for simpler assumptions.
 
         In the place of one wrong base parameter it is one assumption for another.
         """
-        before, after = surprises(less), surprises(more)
+        before = nominal_error_costs(less)
+        after = nominal_error_costs(more)
         simpler = before.sum() - after.sum() > before.max(initial=0.0) + MIN_EVIDENCE
         fall, error = in_free_runs(self.problem, less, more)
         return bool(simpler) or fall > max(MIN_SCORE_FALL, MIN_SCORE_FALL_ERRORS * error)
@@ -548,7 +589,7 @@ class Search:
     def _odds(self, name: str) -> float:
         return self.odds.get(name, self.odds.get(effect_class(name).slug, 0.0))
 
-    def exchanged(self, now: Model) -> Model:
+    def exchange_cause(self, now: Model) -> Model:
         """The model with a cause exchanged for what explains more in its place, if anything.
 
         Another one is no less likely than a cause that it makes superfluous.
@@ -557,28 +598,28 @@ class Search:
         for some, name, axis, free in self._merges.get(frozenset(now.causes), ()):
             causes = self.problem.free_without(now.causes, *some)
             other = Model(fit_beside(self.problem, axis, free, now.fit), (*causes, name))
-            if self.over(other, now) > 0.5 * EQUAL_EVIDENCE:
-                return self.pruned(other)
+            if self.net_evidence(other, now) > 0.5 * EQUAL_EVIDENCE:
+                return self.eliminate_causes(other)
         for name in sorted(now.worth, key=now.worth.__getitem__)[:MAX_EXCHANGED_CAUSES]:
             less = now.less[name]
-            rivals = self._rivals(less, name)
+            rivals = self._substitute_effects(less, name)
             known = (name, now.fit)
             for row in self.round(less, now.fit, rivals, known) if rivals else ():
                 causes = (*less.causes, *row.names)
                 same = {*causes} == {*now.causes} or len(causes) > MAX_CAUSES
-                if same or row.reason or self.over(Model(row.fit, causes), now) < least:
+                if same or row.reason or self.net_evidence(Model(row.fit, causes), now) < least:
                     continue
-                other = self.pruned(Model(row.fit, causes))
+                other = self.eliminate_causes(Model(row.fit, causes))
                 if {*other.causes} == {*now.causes}:
                     continue
-                gain = self.over(other, now)
+                gain = self.net_evidence(other, now)
                 if gain > 0.5 * EQUAL_EVIDENCE or (
                     gain > -EQUAL_EVIDENCE and _simpler_set(other, now)
                 ):
                     return other
         return now
 
-    def _rivals(self, less: Model, name: str) -> set[str]:
+    def _substitute_effects(self, less: Model, name: str) -> set[str]:
         """Effects that leave about as little of the force as a cause does in its place.
 
         Those with a memory leave nothing where friction after reversals does.
@@ -600,10 +641,11 @@ class Search:
         mine = ForceView(problem, found.axis).squares
         return _doing_as_much(left, mine) - {REVERSAL}
 
-    def over(self, one: Model, other: Model) -> float:
+    def net_evidence(self, one: Model, other: Model) -> float:
         """Evidence for a model over another, net of the causes of both."""
-        costs = [sum(MIN_EVIDENCE + self._odds(c) for c in m.causes) for m in (one, other)]
-        return evidence(other.fit, one.fit, ()) - costs[0] + costs[1]
+        own = sum(MIN_EVIDENCE + self._odds(cause) for cause in one.causes)
+        others = sum(MIN_EVIDENCE + self._odds(cause) for cause in other.causes)
+        return evidence(other.fit, one.fit, ()) - own + others
 
     def alternatives(self, now: Model) -> dict[str, dict[str, Solution]]:
         """Effects that explain the records as well in the place of each cause."""
@@ -611,13 +653,16 @@ class Search:
         for name in now.causes:
             less = now.less.get(name)
             rows = self._rounds.get(frozenset(less.causes), (None, []))[1] if less else []
-            count = len(now.own(name))
+            count = len(now.cause_parameters(name))
             found[name] = {
                 r.names[0]: r.fit
                 for r in rows
-                if len(r.names) == 1 and r.names[0] != name and not r.reason
-                and r.fit.cost < now.fit.cost + EQUAL_EVIDENCE and len(r.free) <= count + 1
-            }  # fmt: skip
+                if len(r.names) == 1
+                and r.names[0] != name
+                and not r.reason
+                and r.fit.cost < now.fit.cost + EQUAL_EVIDENCE
+                and len(r.free) <= count + 1
+            }
         return found
 
 
@@ -642,12 +687,13 @@ def _likeliest_shapes(some: list[Proposal]) -> list[Proposal]:
         best[key] = min(one, best.get(key, one), key=lambda p: p.cost)
     kept = {id(p) for p in best.values()}
     return [
-        one for one in some
+        one
+        for one in some
         if not one.remembers or id(one) in kept or (first and one.names == first.names)
-    ]  # fmt: skip
+    ]
 
 
-def _about(among: Collection[str], some: list[Proposal]) -> list[Proposal]:
+def _filter_proposals(among: Collection[str], some: list[Proposal]) -> list[Proposal]:
     """Proposals of some effects alone; all if none are named."""
     return [one for one in some if not among or {*one.names} <= {*among}]
 
@@ -659,14 +705,15 @@ def _start_of(one: Proposal) -> _Start:
 
 def _simpler_set(one: Model, other: Model) -> bool:
     """Whether a model makes fewer assumptions than another, as `_assumptions` orders them."""
-    sizes = [
-        (len(m.fit.problem.names), sum(effect_class(n).rank for n in m.causes))
-        for m in (one, other)
-    ]  # fmt: skip
-    return sizes[0] < sizes[1]
+
+    def size(model: Model) -> tuple[int, float]:
+        rank = sum(effect_class(name).rank for name in model.causes)
+        return len(model.fit.problem.names), rank
+
+    return size(one) < size(other)
 
 
-def _simpler(one: FittedProposal, other: FittedProposal) -> bool:
+def _is_simpler(one: FittedProposal, other: FittedProposal) -> bool:
     """Whether a row has fewer parameters than another and fits as well."""
     fewer = len(one.fit.problem.names) < len(other.fit.problem.names)
     return fewer and one.fit.cost <= other.fit.cost

@@ -21,7 +21,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
 from dryfric_control.records.motion import last_index_so_far
 from dryfric_control.records.record import Record
-from dryfric_control.ties import NEAR, above, samples
+from dryfric_control.ties import NEAR, exceeds, samples
 
 # Length of the free runs [s].
 _WINDOW_LENGTH = 0.25
@@ -68,7 +68,8 @@ class Runs:
     def errors(self, axis: FrictionAxis) -> Floats:
         """Position errors of an axis, without a line that another start state could explain."""
         errors = self.positions(axis) - self.truth
-        q, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, errors.shape[1]), 2))
+        time = np.linspace(-1.0, 1.0, errors.shape[1])
+        q, _ = np.linalg.qr(np.vander(time, 2))
         return np.asarray(errors - (errors @ q) @ q.T)
 
 
@@ -76,7 +77,8 @@ def _cut_windows(
     u: Floats, dt: float, length: int, x0: Floats, v0: Floats, rest: Floats
 ) -> Windowed:
     """Windows of `length` samples each, from known states."""
-    edges, sure = length * np.arange(x0.size + 1), np.zeros(x0.size)
+    edges = length * np.arange(x0.size + 1)
+    sure = np.zeros(x0.size)
     u = u.view()
     u.setflags(write=False)  # as a record's: free runs are compiled for each type of array
     return Windowed(u, u, 0.0, dt, False, edges, x0, v0, sure, sure, rest)
@@ -111,8 +113,11 @@ def simulate(
         warnings.filterwarnings("ignore", "the loop diverges", RuntimeWarning)
         begin = float(reference[0])
         run = simulate_loop(axis, loop, reference, quantum, x0=begin, disturbance=force)
-    x, v, mode = run.y[0].copy(), run.y[1].copy(), run.y[3]
-    u, dt = run.y[4] + force, loop.dt
+    x = run.y[0].copy()
+    v = run.y[1].copy()
+    mode = run.y[3]
+    u = run.y[4] + force
+    dt = loop.dt
     length = max(
         min(samples(_WINDOW_LENGTH, dt), x.size // 4), min(_MIN_WINDOW_SAMPLES, x.size // 4)
     )
@@ -175,11 +180,12 @@ class Refit:
         names = [n for n in BASE.values() if values_of(axis, [n])[0] > 0.0]
         names += [n for effect in axis.named_effects() for n in own_names(effect)]
         windows = cut(record, min(_WINDOW_LENGTH, max(record.duration / 8.0, 5.5 * record.dt)))
-        length, last = int(windows.samples[0]), int(windows.samples[-1])
+        length = int(windows.samples[0])
+        last = int(windows.samples[-1])
         count = len(windows) - (last < length)
         starts = windows.edges[:count]
         reach = np.maximum.reduceat(record.x, starts) - np.minimum.reduceat(record.x, starts)
-        moving = np.flatnonzero(above(reach, 4.0 * quantum, NEAR * record.range))
+        moving = np.flatnonzero(exceeds(reach, 4.0 * quantum, NEAR * record.range))
         active = np.zeros(count, bool)
         if moving.size:
             active[moving[np.linspace(0, moving.size - 1, _KNOWN_WINDOWS).astype(int)]] = True
@@ -216,7 +222,8 @@ class Refit:
         z, e = first, errors(first)
         if e is None:
             return mean_squares(trial.errors(staged.axes[0]))
-        least, found = loss(e, self.quantum), mean_squares(e[0])
+        least = loss(e, self.quantum)
+        found = mean_squares(e[0])
         widest = max(float(np.sqrt(found.mean())), self.quantum)
         for scale in np.repeat(
             np.geomspace(widest, self.quantum, _SCALE_COUNT), _ITERATIONS_PER_SCALE
@@ -243,7 +250,8 @@ class Refit:
                     z, e = target, there
                     break
             if loss(e, self.quantum) < least:
-                least, found = loss(e, self.quantum), mean_squares(e[0])
+                least = loss(e, self.quantum)
+                found = mean_squares(e[0])
         return found
 
 

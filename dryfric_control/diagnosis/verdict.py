@@ -25,7 +25,7 @@ from dryfric_control.diagnosis.thresholds import (
 from dryfric_control.estimation.input_noise import before_rounding
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.uncertainty import ratio_interval
-from dryfric_control.estimation.windows import Evaluation, Windows, linked
+from dryfric_control.estimation.windows import Evaluation, Windows, passes_inner_states
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.records.resolution import QUANTA
@@ -80,7 +80,8 @@ class Floor:
         if above.size < 2:
             return 0.0, np.inf
         spread = float(np.std(above)) / np.sqrt(above.size)
-        return float(above.mean()), max(spread, float(np.std(self.scores[:, active].mean(axis=1))))
+        of_replays = float(np.std(self.scores[:, active].mean(axis=1)))
+        return float(above.mean()), max(spread, of_replays)
 
 
 def usual_rms(squares: Sequence[Floats]) -> float:
@@ -123,7 +124,8 @@ def noise_floor(
     which the positions are the integral.  Those that diverge are left out.
     """
     rng = np.random.default_rng(seed)
-    record, thorough = w.record, force == 0.0
+    record = w.record
+    thorough = force == 0.0
     step = record.input_quantum  # an input that was recorded in steps acted in between them
     # A random force far below the rounding tells that the drive acts in these steps.
     if 0.0 < force < _MIN_FORCE_TO_ROUNDING * step / QUANTA:
@@ -133,15 +135,20 @@ def noise_floor(
     # A run that is lost may start where no reading allows it; the machine did not.
     far = np.hypot(at.starts[0] / w.x0_error, at.starts[1] / w.v0_error) > _MAX_START_ERRORS
     begun = np.where(far, 0.0, at.starts[:2])
-    scores, squares = [], []
+    scores = []
+    squares = []
     for truth in truths:
         pushed = w
         if step > 0.0 or force > 0.0:
             u = next(acted) + force * rng.standard_normal(len(record))
             driven = Record(
-                record.t, u, record.x, quantum=record.quantum, units=record.units,
+                record.t,
+                u,
+                record.x,
+                quantum=record.quantum,
+                units=record.units,
                 load=record.known_load,
-            )  # fmt: skip
+            )
             pushed = replace(w, record=driven)
         drift = np.zeros(len(record))
         if velocity > 0.0:
@@ -154,7 +161,8 @@ def noise_floor(
             continue
         readings = record.read(x + drift, rng)
         errors = rng.standard_normal((2, len(w)))
-        x0, v0 = w.x0 + begun[0] + errors[0] * w.x0_error, w.v0 + begun[1] + errors[1] * w.v0_error
+        x0 = w.x0 + begun[0] + errors[0] * w.x0_error
+        v0 = w.v0 + begun[1] + errors[1] * w.v0_error
         made = replace(w, record=readings, x0=x0, v0=v0)
         found = made.evaluate(model, active, thorough=thorough)
         scores.append(w.scores(found.costs))
@@ -179,7 +187,9 @@ class Judged(NamedTuple):
 
 def judge_fit(problem: Problem, windows: Sequence[Windows], final: Solution) -> Judged:
     """Measure what a fit explains and what it leaves."""
-    found = _judge_imposed(problem, final) if problem.imposed else _motion(problem, windows, final)
+    found = (
+        _judge_imposed(problem, final) if problem.is_imposed else _motion(problem, windows, final)
+    )
     return found._replace(muted=problem.is_muted(final))
 
 
@@ -187,32 +197,28 @@ def shows(problem: Problem, final: Solution) -> bool:
     """Whether the random force of a fit moves free runs by more than the noise of the readings."""
     # White force F moves them by F/m sqrt(dt T^3/3); a fitted start state leaves about a tenth.
     for i, w in enumerate(problem.windows):
-        dt, length = w.record.dt, w.record.duration / max(len(w), 1)
+        dt = w.record.dt
+        length = w.record.duration / max(len(w), 1)
         moved = final.random_force(i) / final.axis.mass * math.sqrt(dt * length**3 / 3.0)
         if 0.1 * moved > w.floor:
             return True
-    return problem.imposed or not problem.windows
+    return problem.is_imposed or not problem.windows
 
 
 def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Judged:
     """Errors of free runs, compared with replays in which the random force acts."""
     squares: list[list[Floats]] = [[], [], []]
     replays: list[Floats] = []
-    structured, places = False, list[str]()
+    structured = False
+    places = list[str]()
     drawn = final.draw_axes(REPLAY_COUNT)
     for i, w in enumerate(windows):
-        active = np.zeros(len(w), bool)
-        moving = np.flatnonzero(w.moving)
-        if linked(final.axis):
-            moving = moving[moving > 0]  # an inner state is unknown where the record starts
-        if not moving.size:
+        active = _judged_windows(w, passes_inner_states(final.axis))
+        if not active.any():
             continue
-        if moving.size > MAX_REPLAYED_WINDOWS:
-            moving = moving[np.linspace(0, moving.size - 1, MAX_REPLAYED_WINDOWS).astype(int)]
-        active[moving] = True
         # The gain is of parameters fitted without the half of the record that a window is in.
         before = w.evaluate(problem.believed, active)
-        unseen = w.unseen(*final.held_out_axes(i), active)
+        unseen = w.cross_validate(*final.held_out_axes(i), active)
         axis = final.problem.axis_at(final.z, i)
         at = w.evaluate(axis, active)
         for row, one in zip(squares, (before, unseen, at), strict=True):
@@ -236,14 +242,30 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
         gain = replace(gain, floor=usual_rms(replays))
         structured = structured or far_above(*_but_the_worst(squares[2], replays))
     left = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))
+    return Judged(gain, left, _is_worse(rows, gain))
+
+
+def _judged_windows(w: Windows, inner: bool) -> Bools:
+    """Windows with motion that are judged; `inner`: whether they pass on inner states."""
+    active = np.zeros(len(w), bool)
+    moving = np.flatnonzero(w.moving)
+    if inner:
+        moving = moving[moving > 0]  # an inner state is unknown where the record starts
+    if moving.size > MAX_REPLAYED_WINDOWS:
+        moving = moving[np.linspace(0, moving.size - 1, MAX_REPLAYED_WINDOWS).astype(int)]
+    active[moving] = True
+    return active
+
+
+def _is_worse(rows: Sequence[Floats], gain: Gain) -> bool:
+    """Whether free runs err more than at nominal; `rows`: squares of nominal, found, noise."""
     nominal, there, noise = (math.sqrt(float(np.median(row))) for row in rows)
     # A single window with a mistimed breakaway may give the RMS its size, so the median counts,
     # unless a cause that acts in few windows lowers the RMS for certain.  Errors that grow for
     # certain are no noise, however large the model says that it is.
     usually_worse = there > max(MAX_ERROR_RATIO * nominal, noise)
     surely_better = gain.interval[0] > MAX_ERROR_RATIO
-    worse = (usually_worse and not surely_better) or gain.interval[1] < 1.0 / MAX_ERROR_RATIO
-    return Judged(gain, left, worse)
+    return (usually_worse and not surely_better) or gain.interval[1] < 1.0 / MAX_ERROR_RATIO
 
 
 def _but_the_worst(
@@ -252,8 +274,11 @@ def _but_the_worst(
     """Errors of all windows but one, as one breakaway may be mistimed by a sample."""
     over = [one / rows.max(axis=0) for one, rows in zip(found, replays, strict=True)]
     i = int(np.argmax([one.max() for one in over]))
-    k, errors, others = int(np.argmax(over[i])), list(found), list(replays)
-    errors[i], others[i] = np.delete(errors[i], k), np.delete(others[i], k, axis=1)
+    k = int(np.argmax(over[i]))
+    errors = list(found)
+    others = list(replays)
+    errors[i] = np.delete(errors[i], k)
+    others[i] = np.delete(others[i], k, axis=1)
     return errors, others
 
 
@@ -268,8 +293,10 @@ def _judge_imposed(problem: Problem, final: Solution) -> Judged:
         kinds = (before[0], run.active), (after[0], run.active), (noise, together)
         for row, (one, there) in zip(blocks, kinds, strict=True):
             for a, b in itertools.pairwise(run.edges):
-                if run.active[a:b].any():
-                    row.append(float(np.sum(one[a:b] ** 2 * there[a:b]) / run.active[a:b].sum()))
+                if not run.active[a:b].any():
+                    continue
+                squares = np.sum(one[a:b] ** 2 * there[a:b])
+                row.append(float(squares / run.active[a:b].sum()))
     gain = _gain([np.array(row) for row in blocks], problem.believed.units[1])
     structured = gain.after > MAX_WHITE_RESIDUAL_RATIO * gain.floor
     left = Unexplained(gain.left if structured else 0.0, structured, ())

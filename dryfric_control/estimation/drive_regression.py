@@ -56,7 +56,8 @@ class DriveRegression:
     def from_record(cls, record: Record) -> DriveRegression:
         """The regression, with the kernel that the noise of the inertial force asks for."""
         # At most the whole drive accelerates the mass.
-        mass = float(np.std(record.u)) / max(float(np.std(record.derivatives().a)), 1e-300)
+        acceleration = float(np.std(record.derivatives().a))
+        mass = float(np.std(record.u)) / max(acceleration, 1e-300)
         for _ in range(_ROUNDS):
             motion = SmoothedMotion.from_record(record, mass)
             if motion.places.size < _ENOUGH:
@@ -105,7 +106,8 @@ def _regression(
     columns = [motion.a, motion.v * viscous, motion.direction, np.ones_like(u), middle, u]
     rows = motion.smooth_columns(np.stack(columns, axis=1))
     size = np.maximum(np.abs(rows[:, :5]).max(axis=0), 1e-300)
-    terms, drive = rows[:, :5] / size, rows[:, 5]
+    terms = rows[:, :5] / size
+    drive = rows[:, 5]
     found = np.linalg.lstsq(terms, drive, rcond=None)[0]
     left = drive - terms @ found
     degrees = max(left.size - found.size, 1)

@@ -138,9 +138,11 @@ class ForceMap(Result):
                 one.plot(curve.at, curve.force, color=colour, lw=1.4, label=f"{label}{way}")
             one.axhline(0.0, color="0.7", lw=0.8, zorder=0)
             label_axes(
-                one, f"{words} [{self.unit_over(name)}]", f"force [{self.units[1]}]",
+                one,
+                f"{words} [{self.unit_over(name)}]",
+                f"force [{self.units[1]}]",
                 legend=one is axes[0],
-            )  # fmt: skip
+            )
 
 
 def force_map(axis: FrictionAxis, record: Record, hold: str = "zero") -> ForceMap:
@@ -151,7 +153,8 @@ def force_map(axis: FrictionAxis, record: Record, hold: str = "zero") -> ForceMa
     check_units(axis, record, "record")
     axis = axis.effective()
     motion = SmoothedMotion.from_record(record, axis.mass)
-    u, known = drive_at_the_mass(axis, record, hold), known_force(record, hold)
+    u = drive_at_the_mass(axis, record, hold)
+    known = known_force(record, hold)
     columns = np.stack((missing_force(axis, motion, u, known), u), axis=1)
     missing, drive = motion.smooth_columns(columns).T
     at = motion.places
@@ -163,15 +166,12 @@ def force_map(axis: FrictionAxis, record: Record, hold: str = "zero") -> ForceMa
         "time": record.t[at],
         "after_reversal": distance_since_reversal(record.x, motion.direction)[at],
     }
-    curves = {
-        name: tuple(
-            curve
-            for side in (1, -1)
-            if (curve := _quantile_curve(side, values[way == side], missing[way == side]))
-            is not None
-        )
-        for name, values in over.items()
-    }
+    curves = {}
+    for name, values in over.items():
+        sides = [
+            _quantile_curve(side, values[way == side], missing[way == side]) for side in (1, -1)
+        ]
+        curves[name] = tuple(curve for curve in sides if curve is not None)
     length, force = axis.units
     return ForceMap(
         rms=float(np.sqrt(np.mean(missing**2))) if at.size else 0.0,

@@ -102,7 +102,8 @@ class Residual(Sliding):
     def __init__(self, axis: FrictionAxis, record: Record) -> None:
         middle = 0.5 * float(record.x.min() + record.x.max())
         levels = [axis.coulomb(np.array([middle]), s)[0] for s in (1, -1)]
-        level = max(0.5 * float(np.sum(np.abs(levels))), 1e-3 * float(np.std(record.u)))
+        mean = 0.5 * float(np.sum(np.abs(levels)))
+        level = max(mean, 1e-3 * float(np.std(record.u)))
         size = _smoothing_window(record, _MAX_ACCELERATION_NOISE * level / axis.mass)
         super().__init__(record, _DISPLAY_SAMPLES, size, smooth_drive=True)
         self.residual = self.force_residual(axis)
@@ -126,7 +127,9 @@ def _kernel(size: int, dt: float) -> Floats:
     return np.asarray(kernel / kernel.sum())
 
 
-def applied(axis: FrictionAxis, x: Floats, v: Floats, u: Floats, actions: Sequence[str]) -> Floats:
+def net_drive(
+    axis: FrictionAxis, x: Floats, v: Floats, u: Floats, actions: Sequence[str]
+) -> Floats:
     """Drive after its effects, and the forces of others, that act in some ways."""
     kept = tuple(e for e in axis.effects if e.action in actions)
     bare = FrictionAxis(1.0, 0.0, CoulombMap.of(0.0), effects=kept)
@@ -141,11 +144,18 @@ def at_the_mass(
     gone = [e for e in axis.effects if e.action in ("input", "delay", "lag", "reading")]
     if not gone:
         return axis, record
-    force, x = np.empty(len(record)), np.empty(len(record))
+    force = np.empty(len(record))
+    x = np.empty(len(record))
     behind_drive_and_encoder(
-        axis.arrays(record.dt), float(record.t[0]), record.dt, record.u, hold == "first",
-        record.x, force, x,
-    )  # fmt: skip
+        axis.arrays(record.dt),
+        float(record.t[0]),
+        record.dt,
+        record.u,
+        hold == "first",
+        record.x,
+        force,
+        x,
+    )
     kept = tuple(e for e in axis.effects if e not in gone)
     moved = any(e.action == "reading" for e in gone)
     return axis.replace(effects=kept), record.replace(u=force, x=x if moved else None)
@@ -171,7 +181,8 @@ def force_start(problem: Likelihood, z: Floats, records: Sequence[Record]) -> Fl
         robust = {"loss": "soft_l1", "f_scale": 0.1, "max_nfev": 30, "diff_step": 1e-4}
         return least_squares(residual, np.clip(start, low, high), bounds=(low, high), **robust)
 
-    found, start = search_from(z), z
+    found = search_from(z)
+    start = z
     # Of a sine only the part in phase is seen: from the wrong side its amplitude falls to zero.
     for i in np.flatnonzero([p.kind == "angle" for p in problem.parameters]):
         for turn in (0.5, 1.0, 1.5):
@@ -179,5 +190,6 @@ def force_start(problem: Likelihood, z: Floats, records: Sequence[Record]) -> Fl
             tried[i] = z[i] + turn * math.pi
             again = search_from(tried)
             if again.cost < found.cost:
-                found, start = again, tried
+                found = again
+                start = tried
     return np.asarray(found.x)

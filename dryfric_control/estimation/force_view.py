@@ -17,7 +17,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats, Ints
 from dryfric_control.compiled.likelihood import FIRST
-from dryfric_control.compiled.windowed_runs import strained
+from dryfric_control.compiled.windowed_runs import contact_deflection
 from dryfric_control.estimation.force_residual import Sliding
 from dryfric_control.estimation.likelihood import Likelihood, Run, prepare
 from dryfric_control.model.axis import FrictionAxis
@@ -38,26 +38,27 @@ class ForceRun(Run):
     def force_residual(self, axis: FrictionAxis) -> Floats:
         """Force that the axis would need in addition to its drive, shape (nsliding,)."""
         one = self.sliding
-        contact, bristles = max(
-            ((i.contact, i.bristles) for i in (e.inner(axis) for e in axis.effects)),
-            default=(0.0, 0.0),
-        )
+        inner = [effect.inner(axis) for effect in axis.effects]
+        contact, bristles = max(((i.contact, i.bristles) for i in inner), default=(0.0, 0.0))
         if contact == 0.0:
             return one.force_residual(axis)
         # An elastic contact carries the part of the friction to which the motion since the last
         # reversal has strained it.
-        level = 0.5 * sum(float(axis.coulomb(np.mean(self.record.x), s)) for s in (1, -1))
+        middle = np.mean(self.record.x)
+        level = 0.5 * sum(float(axis.coulomb(middle, s)) for s in (1, -1))
         share = np.empty(len(self.record))
         start = float(one.direction[0])
-        strained(self.record.x, level / contact, start, bristles > 0.0, share)
+        contact_deflection(self.record.x, level / contact, start, bristles > 0.0, share)
         share = share[self.index]
-        ahead, back = (one.force_residual(axis, np.full_like(one.direction, s)) for s in (1, -1))
+        ahead = one.force_residual(axis, np.full_like(one.direction, 1))
+        back = one.force_residual(axis, np.full_like(one.direction, -1))
         return np.asarray(0.5 * ((1.0 + share) * ahead + (1.0 - share) * back))
 
 
 def prepare_force(record: Record, hold: str = "zero") -> ForceRun:
     """A record prepared for the force view: its sliding samples are active."""
-    run, sliding = prepare(record, block=_BLOCK), Sliding(record)
+    run = prepare(record, block=_BLOCK)
+    sliding = Sliding(record)
     index = np.searchsorted(record.t, sliding.t)
     if hold == "first":
         # The forces at that instant, not their means around it.
@@ -94,9 +95,11 @@ class ForceView(Likelihood):
     def innovations(self, z: Floats, i: int) -> tuple[Floats, Floats]:
         """Innovations of record i, and its motion in place of filtered states."""
         run = self.runs[i]
-        axis, n = self.axis_at(z, i), len(run.record)
+        axis = self.axis_at(z, i)
+        n = len(run.record)
         left = run.force_residual(axis) / run.sliding.answer_to_drive(axis)
-        out, state = np.zeros((2, n)), np.zeros((6, n))
+        out = np.zeros((2, n))
+        state = np.zeros((6, n))
         out[0, run.index], out[1, run.index] = left, self.noises(z, i)[0]
         state[0], state[1, run.index] = run.record.x, run.sliding.v
         state[2, run.index] = run.sliding.direction

@@ -57,12 +57,15 @@ def _smooth_adaptively(u: Floats, noise: float, width: float, surely: float) -> 
     common (intersection of confidence intervals: Goldenshluger and Nemirovski 1997, Katkovnik
     1999); `surely`: distance that the noise hardly exceeds.
     """
-    low, high = u - surely, u + surely
-    found, agree = u, np.ones(u.size, bool)
+    low = u - surely
+    high = u + surely
+    found = u
+    agree = np.ones(u.size, bool)
     for n in (n for n in _WINDOWS if n <= u.size):
         smooth = savgol_filter(u, n, _POLYNOMIAL_ORDER)
         error = width * noise * float(np.linalg.norm(savgol_coeffs(n, _POLYNOMIAL_ORDER)))
-        low, high = np.maximum(low, smooth - error), np.minimum(high, smooth + error)
+        low = np.maximum(low, smooth - error)
+        high = np.minimum(high, smooth + error)
         agree &= low <= high
         found = np.where(agree, smooth, found)
     return found

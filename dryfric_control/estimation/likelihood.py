@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dryfric_control.compiled import innovations as hybrid
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.compiled.axis_step import ALLOWED, N_NUMBERS
-from dryfric_control.compiled.linear import Recursion, respond
+from dryfric_control.compiled.linear import Recursion, innovation_change
 from dryfric_control.compiled.windowed_runs import accelerations
 from dryfric_control.estimation.parameters import (
     SHIFT,
@@ -32,7 +32,7 @@ from dryfric_control.estimation.parameters import (
     with_values,
 )
 from dryfric_control.estimation.stiffness import stiffness
-from dryfric_control.estimation.windows import shifted
+from dryfric_control.estimation.windows import delay_input
 from dryfric_control.model.axis import FrictionAxis, check_pace, inverse_masses
 from dryfric_control.model.effects.effect import Inner
 from dryfric_control.model.effects.naming import named
@@ -112,9 +112,15 @@ def recursion(axis: FrictionAxis, dt: float, states: FloatArray, fast: bool) -> 
     f11 = math.exp(loss)
     f01 = dt * math.expm1(loss) / loss if abs(loss) > 1e-6 else dt
     return Recursion(
-        moving, states[4], states[5], f01, f11, 0.5 * dt * dt / axis.mass, dt / axis.mass,
+        moving,
+        states[4],
+        states[5],
+        f01,
+        f11,
+        0.5 * dt * dt / axis.mass,
+        dt / axis.mass,
         1.0 / dt if fast else 0.0,
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,11 +153,16 @@ def prepare(
     """
     n = len(record)
     size = max(1, round(block / record.dt))
-    edges = np.append(np.arange(0, max(n - size // 2, 1), size), n).astype(np.int64)
-    w, cell, span, noise = record.x[:0], record.quantum or 0.0, record.range, record.noise
+    starts = np.arange(0, max(n - size // 2, 1), size)
+    edges = np.append(starts, n).astype(np.int64)
+    w = record.x[:0]
+    cell = record.quantum or 0.0
+    span = record.range
+    noise = record.noise
     if record.integrated:
         w = record.channels["v"]
-        cell, span = estimated_quantum(w) or 0.0, float(np.ptp(w))
+        cell = estimated_quantum(w) or 0.0
+        span = float(np.ptp(w))
         noise = spread_of(w, cell)
     floor = max(cell**2 / 12.0 * NORMAL_VARIANCE_RATIO, (1e-9 * span) ** 2)
     scales = typical([record])
@@ -160,9 +171,20 @@ def prepare(
     active = np.ones(n, bool) if active is None else active
     rest = rest_times(record)
     return Run(
-        record, record.u, w, cell, span, noise, record.good, active, edges, rest, ((0, n),), floor,
+        record,
+        record.u,
+        w,
+        cell,
+        span,
+        noise,
+        record.good,
+        active,
+        edges,
+        rest,
+        ((0, n),),
+        floor,
         drive,
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,13 +269,15 @@ class Likelihood:
         self.beliefs = self._prior_numbers(believed, tolerance, priors, wonder)
         n = len(names)
         self.size = n + 2 * len(runs)
-        self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        self.low = np.full(self.size, -np.inf)
+        self.high = np.full(self.size, np.inf)
         self._bound_parameters()
         # Parameters that do not act as a force on the mass of a sliding axis.
         forceless = {n for n, e in named(axis).items() if e.action in _FORCELESS_ACTIONS}
         self.late = {n for n in names if n == SHIFT or n.partition(".")[0] in forceless}
         self._bound_noises()
-        self.steps = np.concatenate((np.full(n, _FIRST_STEP), np.full(2 * len(runs), _NOISE_STEP)))
+        noise_steps = np.full(2 * len(runs), _NOISE_STEP)
+        self.steps = np.concatenate((np.full(n, _FIRST_STEP), noise_steps))
         # Curvature of the cost along each coordinate, from its last slopes.
         self.bends = np.full(self.size, np.nan)
         # Applies a function to coordinates that do not depend on each other, in threads if any.
@@ -299,7 +323,8 @@ class Likelihood:
         """Bound the coordinates of the noises."""
         n = len(self.names)
         for i, run in enumerate(self.runs):
-            a, b = n + 2 * i, n + 2 * i + 1
+            a = n + 2 * i
+            b = n + 2 * i + 1
             self.low[a], self.high[a] = (
                 2.0 * math.log(f * run.drive) for f in _RANDOM_FORCE_LIMITS
             )
@@ -374,19 +399,35 @@ class Likelihood:
             * inverse_masses(axis, record.dt)
         )
         numbers[ALLOWED] = numbers[arrays.integers[N_NUMBERS] + ALLOWED] = hidden
-        u = shifted(run.u, self._values(z, i).get(SHIFT, self.shift) / record.dt)
+        u = delay_input(run.u, self._values(z, i).get(SHIFT, self.shift) / record.dt)
         # One type of array, whether shifted or not: the filter is compiled for each.
         u.setflags(write=False)
-        out, state = np.zeros((2, len(record))), np.zeros((6, len(record)))
+        out = np.zeros((2, len(record)))
+        state = np.zeros((6, len(record)))
         for start, end in run.pieces:
             here = slice(start, end)
-            mine, states = np.zeros((2, end - start)), np.zeros((6, end - start))
+            mine = np.zeros((2, end - start))
+            states = np.zeros((6, end - start))
             hybrid.innovations(
-                numbers, arrays.integers, arrays.memory, u[here], record.known_force[here],
-                record.x[here], run.w[here], run.good[here], float(record.t[start]),
-                float(run.rest[start]), record.dt, self.first, force, reading, run.cell,
-                record.range, states, mine,
-            )  # fmt: skip
+                numbers,
+                arrays.integers,
+                arrays.memory,
+                u[here],
+                record.known_force[here],
+                record.x[here],
+                run.w[here],
+                run.good[here],
+                float(record.t[start]),
+                float(run.rest[start]),
+                record.dt,
+                self.first,
+                force,
+                reading,
+                run.cell,
+                record.range,
+                states,
+                mine,
+            )
             if end - start == len(record):
                 return mine, states
             out[:, here], state[:, here] = mine, states
@@ -422,7 +463,9 @@ class Likelihood:
 
     def prior_terms(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Prior cost with its gradient and curvature, each shape (ncoordinates,)."""
-        total, g, h = 0.0, np.zeros(self.size), np.zeros(self.size)
+        total = 0.0
+        g = np.zeros(self.size)
+        h = np.zeros(self.size)
         wonders, trusted = joint_nominal_error_cost(self.nominal_error_costs(z))
         for j, (nominal, spread, wonder) in self.beliefs.items():
             p = self.parameters[j]
@@ -436,7 +479,8 @@ class Likelihood:
                 g[j] += off * by
                 h[j] += by * by
             if wonder:
-                off, by = (ratio - 1.0) / _NOMINAL_DEVIATION, slope / _NOMINAL_DEVIATION
+                off = (ratio - 1.0) / _NOMINAL_DEVIATION
+                by = slope / _NOMINAL_DEVIATION
                 weight = 2.0 * _NOMINAL_ERROR_WEIGHT * trusted / (1.0 + off * off)
                 g[j] += weight * off * by
                 h[j] += weight * by * by
@@ -469,13 +513,17 @@ class Likelihood:
         gradients : ndarray, shape (nblocks, ncoordinates)
         information : ndarray, shape (nblocks, ncoordinates, ncoordinates)
         """
-        all_g, all_h, n = [], [], len(self.names)
+        all_g = []
+        all_h = []
+        n = len(self.names)
         for i, run in enumerate(self.runs):
             slope = np.zeros((self.size, 2, len(run.record)))
             blocks = run.edges.size - 1
-            g, h = np.zeros((blocks, self.size)), np.zeros((blocks, self.size, self.size))
+            g = np.zeros((blocks, self.size))
+            h = np.zeros((blocks, self.size, self.size))
             exact = np.zeros((blocks, self.size))
-            a, b = n + 2 * i, n + 2 * i + 1
+            a = n + 2 * i
+            b = n + 2 * i + 1
             own = [j for j in range(n if noises else 0, self.size) if i in self._touches(j)]
             # Both noises together scale the variances and hardly change the innovations; a
             # reading's noise that is at its bound is not searched.
@@ -504,21 +552,23 @@ class Likelihood:
         little, but would change a linear estimate from the innovations' slopes much.  The
         error of a one-sided difference is corrected by the information.
         """
+        run = self.runs[i]
         if sides == 0 and self._slope_of_force(z, point, i, j, slope):
-            blocks = self.runs[i].edges.size - 1
-            g, h = np.zeros((blocks, 1)), np.zeros((blocks, 1, 1))
-            compiled.normal_terms(
-                point.out[i], self.runs[i].active, self.runs[i].edges, slope[None], g, h
-            )
+            blocks = run.edges.size - 1
+            g = np.zeros((blocks, 1))
+            h = np.zeros((blocks, 1, 1))
+            compiled.normal_terms(point.out[i], run.active, run.edges, slope[None], g, h)
             return g[:, 0]
-        run, here = self.runs[i], point.out[i]
-        ends, widths = [here] * 2, [0.0, 0.0]
+        here = point.out[i]
+        ends = [here] * 2
+        widths = [0.0, 0.0]
         both = sides == 2 or j >= len(self.names)
         for side, sign in ((1, 1.0), (0, -1.0)):
             if widths[1] > 0.0 and not both:
                 break
             moved = z.copy()
-            moved[j] = min(max(z[j] + sign * self.steps[j], self.low[j]), self.high[j])
+            there = z[j] + sign * self.steps[j]
+            moved[j] = min(max(there, self.low[j]), self.high[j])
             if moved[j] == z[j]:
                 continue
             try:
@@ -537,7 +587,8 @@ class Likelihood:
             self.bends[j] = (below.sum() + above.sum() - 2.0 * at) / (0.25 * wide**2)
         rise = (above - below) / wide
         if not both:
-            g, h = np.zeros((rise.size, 1)), np.zeros((rise.size, 1, 1))
+            g = np.zeros((rise.size, 1))
+            h = np.zeros((rise.size, 1, 1))
             compiled.normal_terms(here, run.active, run.edges, slope[None], g, h)
             rise -= 0.5 * (widths[1] - widths[0]) * h[:, 0, 0]
         return rise
@@ -563,7 +614,8 @@ class Likelihood:
         if any(e.inner(axis) != _RIGID for e in axis.effects if e.action not in _TIMING_ACTIONS):
             return False
         moved = z.copy()
-        moved[j] += self.steps[j] if z[j] + self.steps[j] <= self.high[j] else -self.steps[j]
+        step = self.steps[j]
+        moved[j] += step if z[j] + step <= self.high[j] else -step
         direction = np.sign(states[2]).astype(np.int64)
         try:
             there = self.axis_at(moved, i)
@@ -571,11 +623,19 @@ class Likelihood:
             return False  # no such axis on this side
 
         def rate(one: FrictionAxis) -> FloatArray:
-            arrays, a = one.arrays(1.0), np.empty(direction.size)
+            arrays = one.arrays(1.0)
+            a = np.empty(direction.size)
             accelerations(
-                arrays.numbers, arrays.integers, run.record.t, states[0], states[1], run.u,
-                run.record.known_force, direction, a,
-            )  # fmt: skip
+                arrays.numbers,
+                arrays.integers,
+                run.record.t,
+                states[0],
+                states[1],
+                run.u,
+                run.record.known_force,
+                direction,
+                a,
+            )
             return a
 
         before = point.rates.get(i)
@@ -583,9 +643,12 @@ class Likelihood:
             before = point.rates.setdefault(i, rate(axis))
         force = np.where(direction != 0, axis.mass * (rate(there) - before), 0.0)[:, None]
         out = np.zeros((direction.size, 1))
-        respond(force, force[:0], recursion(axis, run.record.dt, states, run.w.size > 0), out)
+        innovation_change(
+            force, force[:0], recursion(axis, run.record.dt, states, run.w.size > 0), out
+        )
         seen = point.out[i][1] > 0.0
-        slope[0, seen] = np.clip(out[seen, 0] / np.sqrt(point.out[i][1, seen]), -1.0, 1.0)
+        deviations = np.sqrt(point.out[i][1, seen])
+        slope[0, seen] = np.clip(out[seen, 0] / deviations, -1.0, 1.0)
         slope[0] /= moved[j] - z[j]
         slope[1] = 0.0
         return True
@@ -598,7 +661,8 @@ class Likelihood:
         """
         n = len(self.names)
         part = np.ones(self.size)
-        bends, whole = self.bends[n:], np.diag(h)[n:]
+        bends = self.bends[n:]
+        whole = np.diag(h)[n:]
         seen = np.isfinite(bends) & (whole > 0.0)
         part[n:][seen] = np.clip(bends[seen] / whole[seen], _MIN_NOISE_CURVATURE, 1.0)
         return h * np.sqrt(np.outer(part, part))

@@ -111,7 +111,8 @@ def typical(records: Sequence[Record]) -> Scales:
     """Typical force, length and time in records."""
     force = float(np.sqrt(np.mean([np.mean(r.u**2) for r in records])))
     length = float(np.mean([np.std(r.x) for r in records]))
-    speed = float(np.sqrt(np.mean([np.mean(r.derivatives().v ** 2) for r in records])))
+    squares = [np.mean(r.derivatives().v ** 2) for r in records]
+    speed = float(np.sqrt(np.mean(squares)))
     return Scales(force or 1.0, length, length / speed, records[0].dt)
 
 
@@ -241,7 +242,9 @@ def base_unit(name: str) -> str:
     """Unit of a base parameter, or of a coefficient of a Coulomb level, of a linear axis."""
     base, _, degree = name.removesuffix("]").partition("[")
     power = int(degree or 0)
-    return f"N/m^{power}" if power > 1 else "N/m" if power else _BASE[base]
+    if power == 0:
+        return _BASE[base]
+    return "N/m" if power == 1 else f"N/m^{power}"
 
 
 def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
@@ -252,13 +255,16 @@ def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
     value, (owner, _, part) = _get(axis, name), name.partition(".")
     about: tuple[Any, ...] = ("amount", name in _BREAKS_AWAY)
     if not part:
-        unit, logarithmic = axis.unit(base_unit(name)), name in _LOGARITHMIC
-        low, high = 0.0 if name in _BASE or name.endswith("[0]") else -math.inf, math.inf
+        unit = axis.unit(base_unit(name))
+        logarithmic = name in _LOGARITHMIC
+        low = 0.0 if name in _BASE or name.endswith("[0]") else -math.inf
+        high = math.inf
         scale = value if logarithmic else scales.size_of(powers(base_unit(name)))
     else:
         effect = type(named(axis)[owner])
         meta = effect.parameters()[part]
-        unit, logarithmic = effect.units(axis.units)[part], meta["logarithmic"]
+        unit = effect.units(axis.units)[part]
+        logarithmic = meta["logarithmic"]
         low, high = meta["bounds"]
         about = meta["kind"], meta["breaks_away"], meta["neutral"] or 0.0, meta["optional"]
         # For a parameter that starts at zero, the scale follows from its unit.
@@ -266,5 +272,6 @@ def _parameter(axis: FrictionAxis, name: str, scales: Scales) -> Parameter:
         scale = (None if logarithmic else meta["size"]) or abs(value)
         scale = scale or (scales.step if meta["unit"] == "s" else unknown)
     if logarithmic:
-        low, high = max(low, value / 10.0**_DECADES), min(high, value * 10.0**_DECADES)
+        low = max(low, value / 10.0**_DECADES)
+        high = min(high, value * 10.0**_DECADES)
     return Parameter(name, unit, low, high, logarithmic, scale, *about)

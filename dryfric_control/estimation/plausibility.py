@@ -70,7 +70,7 @@ def check_plausible(
 
     Told to go on `anyway`, it only warns; `gain_free`: whether the gain of the drive is looked for.
     """
-    found = doubts(axis, record, gain_free)
+    found = record_doubts(axis, record, gain_free)
     if not anyway:
         _raise_certain(found, name)
     for doubt in found:
@@ -79,7 +79,7 @@ def check_plausible(
 
 def refuse_implausible(axis: FrictionAxis, record: Record, name: str = "record") -> None:
     """ValueError with what to type where a wrong unit or a reversed sign is certain."""
-    _raise_certain(doubts(axis, record), name)
+    _raise_certain(record_doubts(axis, record), name)
 
 
 def _raise_certain(found: list[Doubt], name: str) -> None:
@@ -112,7 +112,7 @@ def checked_records(records: Any, name: str = "record") -> tuple[Record, ...]:
     return found
 
 
-def doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -> list[Doubt]:
+def record_doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -> list[Doubt]:
     """What speaks against units, sign and columns of a record, if it is one of this axis.
 
     Certain is what the regression of the drive on the motion confirms; the rest may be a wrong
@@ -120,16 +120,20 @@ def doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -> list[
     """
     axis = axis.effective()
     found = []
-    low, high = float(record.x.min()), float(record.x.max())
+    low = float(record.x.min())
+    high = float(record.x.max())
     length, force = axis.units
     if axis.travel is not None:
         room = _MAX_OVERSHOOT * (axis.travel[1] - axis.travel[0])
         if low < axis.travel[0] - room or high > axis.travel[1] + room:
-            found.append(Doubt(
-                f"positions run from {low:.4g} to {high:.4g} {length}, the axis' travel is "
-                f"{axis.travel[0]:.4g} to {axis.travel[1]:.4g} {length}: is x in another unit, "
-                'such as mm (then read_record(..., units={"x": "mm"})), or counted from elsewhere?'
-            ))  # fmt: skip
+            found.append(
+                Doubt(
+                    f"positions run from {low:.4g} to {high:.4g} {length}, the axis' travel is "
+                    f"{axis.travel[0]:.4g} to {axis.travel[1]:.4g} {length}: is x in another unit, "
+                    'such as mm (then read_record(..., units={"x": "mm"})), or counted from '
+                    "elsewhere?"
+                )
+            )
     strongest = float(np.abs(record.u).max())
     if strongest == 0.0:
         return found  # something else moves it: nothing is known of the drive
@@ -199,7 +203,9 @@ def _wrong_unit(axis: FrictionAxis, record: Record, shown: DriveRegression | Non
     """
     if shown is None:
         return ""
-    ratios, here, there = {}, [], []
+    ratios = {}
+    here = []
+    there = []
     for name, i, value, unit in (
         ("mass", 0, axis.mass, axis.unit("kg")),
         ("Coulomb level", 2, axis.coulomb.mean, axis.units[1]),

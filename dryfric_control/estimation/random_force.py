@@ -33,7 +33,9 @@ _MIN_FORCE_GAIN = 6.0
 
 def has_random_force(found: Solution, i: int) -> bool:
     """Whether the readings of record i are likelier with a random force than without."""
-    problem, without, k = found.problem, found.z.copy(), len(found.problem.names) + 2 * i
+    problem = found.problem
+    without = found.z.copy()
+    k = len(found.problem.names) + 2 * i
     without[k] = problem.low[k]
     return problem.tried(without).cost > found.cost + _MIN_FORCE_GAIN
 
@@ -58,7 +60,8 @@ def away_from_rest(run: Run, states: Floats) -> Run:
 def products(values: Floats, lags: int) -> Floats:
     """Sum of the products of values and those 0 to `lags` samples later."""
     size = 2 * (values.size + lags)
-    return np.asarray(np.fft.irfft(np.abs(np.fft.rfft(values, size)) ** 2, size)[: lags + 1])
+    power = np.abs(np.fft.rfft(values, size)) ** 2
+    return np.asarray(np.fft.irfft(power, size)[: lags + 1])
 
 
 def integrate_autocorrelation(part: Floats, count: float) -> float:
@@ -77,7 +80,8 @@ def _innovation_products(found: Solution, longest: float) -> Iterator[tuple[Floa
     for run, out, states in zip(found.problem.runs, point.out, point.states, strict=True):
         seen = run.active & (out[1] > 0.0) & (states[2] != 0.0)
         e = np.zeros(seen.size)
-        e[seen] = np.clip(out[0, seen] / np.sqrt(out[1, seen]), -_MAX_INNOVATION, _MAX_INNOVATION)
+        normal = out[0, seen] / np.sqrt(out[1, seen])
+        e[seen] = np.clip(normal, -_MAX_INNOVATION, _MAX_INNOVATION)
         lags = min(max(2, round(longest / run.record.dt)), seen.size // 4)
         yield products(e, lags), products(seen.astype(float), lags)
 

@@ -94,7 +94,8 @@ class SmoothedMotion:
 
         Its noise, `mass` times that of the acceleration, is then 3 % of the drive.
         """
-        dt, width = record.dt, kernel_width(record, mass)
+        dt = record.dt
+        width = kernel_width(record, mass)
         reading = record.channels["v"] if record.integrated else record.x
         good = record.good
         if not good.all():
@@ -102,8 +103,10 @@ class SmoothedMotion:
         smooth = gaussian_filter1d(reading, width, mode="nearest", truncate=_TRUNCATED)
         again = gaussian_filter1d(smooth, width, mode="nearest", truncate=_TRUNCATED)
         if record.integrated:
-            x, v = record.x, 2.0 * smooth - again
-            a, seen = np.gradient(v, dt), smooth
+            x = record.x
+            v = 2.0 * smooth - again
+            a = np.gradient(v, dt)
+            seen = smooth
         else:
             x = 2.0 * smooth - again
             ends = np.pad(x, 1, mode="edge")
@@ -158,7 +161,8 @@ def kernel_width(record: Record, mass: float) -> float:
     order = 1 if record.integrated else 2
     allowed = _FORCE_NOISE * float(np.std(record.u))
     noise = 0.5 * mass * reading_noise(record) / record.dt**order
-    width, widest = 1.0, min(_WIDEST, max(len(record) / 100.0, 1.0))
+    width = 1.0
+    widest = min(_WIDEST, max(len(record) / 100.0, 1.0))
     while noise * width ** -(order + 0.5) > allowed and width < widest:
         width *= _WIDER
     return width
@@ -182,7 +186,10 @@ def known_force(record: Record, hold: str = "zero") -> Floats:
 
 def _at_the_samples(u: Floats, hold: str) -> Floats:
     """Held input as the mean before and after each sample, else as it is."""
-    return np.asarray(0.5 * (u + np.concatenate((u[:1], u[:-1]))) if hold == "zero" else u)
+    if hold != "zero":
+        return u
+    before = np.concatenate((u[:1], u[:-1]))
+    return np.asarray(0.5 * (u + before))
 
 
 def missing_force(axis: FrictionAxis, motion: SmoothedMotion, u: Floats, known: Floats) -> Floats:
@@ -194,7 +201,8 @@ def missing_force(axis: FrictionAxis, motion: SmoothedMotion, u: Floats, known: 
 
 def distance_since_reversal(x: Floats, direction: Floats, rests: bool = False) -> Floats:
     """Distance from the last change of direction; `rests`: or from the last rest, shape (n,)."""
-    way, samples = direction, np.arange(direction.size)
+    way = direction
+    samples = np.arange(direction.size)
     if not rests:
         # At rest the direction is that of the motion before.
         way = way[np.maximum.accumulate(np.where(way != 0.0, samples, 0))]

@@ -92,7 +92,9 @@ class Solution:
         The weights w = (nu + 1)/(nu + e^2/S) fall with the innovation: 5/7 for Student's t, two
         thirds for normal ones.  At rest these are encoder noise and say nothing.
         """
-        bent, total, nu = 0.0, 0.0, compiled.FREEDOM
+        bent = 0.0
+        total = 0.0
+        nu = compiled.FREEDOM
         rows = zip(self.problem.runs, self.point.out, self.point.states, strict=True)
         for run, out, states in rows:
             seen = run.active & (out[1] > 0.0) & (states[2] != 0.0)
@@ -120,7 +122,8 @@ class Solution:
 
     def draw_axes(self, count: int) -> list[list[FrictionAxis]]:
         """Axes of every record with parameters drawn from their covariance, this one first."""
-        rng, n = np.random.default_rng(1), len(self.problem.names)
+        rng = np.random.default_rng(1)
+        n = len(self.problem.names)
         records = range(len(self.problem.runs))
         axes = [[self.problem.axis_at(self.z, i)] * count for i in records]
         if not n:
@@ -140,10 +143,12 @@ class Solution:
 
     def information_of(self, steps: Floats) -> Floats:
         """Information about steps of the parameters, one a row, from differences along them."""
-        problem, count = self.problem, len(steps)
+        problem = self.problem
+        count = len(steps)
         total = np.zeros((count, count))
         for i, run in enumerate(problem.runs):
-            here, blocks = self.point.out[i], run.edges.size - 1
+            here = self.point.out[i]
+            blocks = run.edges.size - 1
             slopes = np.zeros((count, 2, len(run.record)))
             for step, slope in zip(steps, slopes, strict=True):
                 for side in (1.0, -1.0):
@@ -157,7 +162,8 @@ class Solution:
                         continue
                     compiled.slopes(here, here, out, 0.0, side, slope)
                     break
-            g, h = np.zeros((blocks, count)), np.zeros((blocks, count, count))
+            g = np.zeros((blocks, count))
+            h = np.zeros((blocks, count, count))
             compiled.normal_terms(here, run.active, run.edges, slopes, g, h)
             total += h.sum(axis=0)
         return total
@@ -171,15 +177,18 @@ class Solution:
 
         `moved`: which may differ from those of all blocks.
         """
-        problem, before = self.problem, self._blocks(self.point)
+        problem = self.problem
+        before = self._blocks(self.point)
         if not self.gradients.size:
             return self.z, self.point
         _, slope, curvature = problem.prior_terms(self.z)
-        g, h = self.gradients.sum(axis=0) + slope, self.information.sum(axis=0) + np.diag(curvature)
+        g = self.gradients.sum(axis=0) + slope
+        h = self.information.sum(axis=0) + np.diag(curvature)
         size = np.sqrt(np.maximum(np.diag(h), 1e-12))
         far = problem.reach(np.arange(problem.size), size) / size
         rest = h - self.information[mine].sum(axis=0) + 1e-9 * np.diag(np.diag(h))
-        pull, step = self.gradients[mine].sum(axis=0) - g, np.zeros(self.z.size)
+        pull = self.gradients[mine].sum(axis=0) - g
+        step = np.zeros(self.z.size)
         free = (self.z > problem.low) & (self.z < problem.high) & moved
         while np.any(free):
             # Fix coordinates that are at a bound or reach one, and solve for the others
@@ -208,9 +217,11 @@ class Solution:
 
         Two blocks at a time belong to either half; the parameters follow by one Newton step.
         """
-        problem, costs = self.problem, self._blocks(self.point)
+        problem = self.problem
+        costs = self._blocks(self.point)
         half = np.concatenate([np.arange(r.edges.size - 1) // 2 % 2 for r in problem.runs])
-        found, noise = [self.z, self.z], slice(len(problem.names), None, 2)
+        found = [self.z, self.z]
+        noise = slice(len(problem.names), None, 2)
         for k in (0, 1) if self.gradients.size else ():
             mine = half == k
             found[k], point = self._refit_without(mine)
@@ -241,9 +252,9 @@ class Solution:
             rows = zip(first, second, middle, strict=True)
             return [np.concatenate((a[:, :k], b[:, k:]), axis=1) for a, b, k in rows]
 
-        both = Point(
-            0.0, join_halves(*(p.out for p in halves)), join_halves(*(p.states for p in halves))
-        )
+        first, second = halves
+        out = join_halves(first.out, second.out)
+        both = Point(0.0, out, join_halves(first.states, second.states))
         cost = float(self._blocks(both).sum()) + self.problem.prior(self.z)
         return replace(self, point=replace(both, cost=cost), by_recursion=False)
 

@@ -63,7 +63,8 @@ def jackknife(g: Floats, h: Floats, prior: Floats, away: Floats) -> Floats:
     Of blocks with gradients g and normal matrices h, a prior with this precision of each
     parameter, and without the directions `away`, which the record does not determine.
     """
-    total, count = h.sum(axis=0), g.shape[0]
+    total = h.sum(axis=0)
+    count = g.shape[0]
     if away.shape[0] == total.shape[0] or count < 2:
         return np.full(total.shape, np.inf)
     left = total - h * _LEFT_OUT + np.diag(prior)
@@ -75,7 +76,8 @@ def jackknife(g: Floats, h: Floats, prior: Floats, away: Floats) -> Floats:
 def bootstrap(g: Floats, h: Floats, prior: Floats, away: Floats, repeats: int, seed: int) -> Floats:
     """Gauss-Newton steps of the parameters when blocks are drawn with replacement, one a row."""
     rng = np.random.default_rng(seed)
-    counts = rng.multinomial(g.shape[0], np.full(g.shape[0], 1.0 / g.shape[0]), size=repeats)
+    blocks = g.shape[0]
+    counts = rng.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=repeats)
     # A resampling may miss the only block that determines a direction.
     weights = counts + 1e-6
     inverse = _inverse(np.einsum("rb,bij->rij", weights, h) + np.diag(prior), away)
@@ -114,7 +116,8 @@ def ratio_interval(before: Floats, after: Floats) -> tuple[float, float]:
     blocks = np.column_stack([before, after])
     picks = np.random.default_rng(0).integers(0, len(blocks), size=(2000, len(blocks)))
     sums = blocks[picks].sum(axis=1)
-    low, high = np.quantile(np.sqrt(sums[:, 0] / sums[:, 1]), [0.05, 0.95])
+    ratios = np.sqrt(sums[:, 0] / sums[:, 1])
+    low, high = np.quantile(ratios, [0.05, 0.95])
     return float(low), float(high)
 
 

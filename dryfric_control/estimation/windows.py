@@ -16,7 +16,7 @@ from dryfric_control.compiled.windowed_runs import Evaluation, Search, Windowed,
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.motion import LONGEST, least_motion, rest_times
 from dryfric_control.records.record import Record
-from dryfric_control.ties import NEAR, above, samples
+from dryfric_control.ties import NEAR, exceeds, samples
 
 # Multiple of the noise from which a score grows with the logarithm of the errors alone.
 _ROBUST_SCALE = 2.0
@@ -30,7 +30,7 @@ _ROUNDS = 2
 _VELOCITY_OFFSETS = np.array([-0.3, 0.3, -1.0, 1.0, -2.0, 2.0])
 
 
-def shifted(u: Floats, samples: float) -> Floats:
+def delay_input(u: Floats, samples: float) -> Floats:
     """Held input delayed by some samples, as means over each sample, which keep the impulse."""
     index = np.arange(u.size)
     if samples:
@@ -69,18 +69,28 @@ class Windows:
     @cached_property
     def moving(self) -> Bools:
         """Windows whose readings move by more than noise, shape (nwindows,)."""
-        x, starts = self.record.x, self.edges[:-1]
+        x = self.record.x
+        starts = self.edges[:-1]
         reach = np.maximum.reduceat(x, starts) - np.minimum.reduceat(x, starts)
-        return above(reach, _MIN_MOTION * self.floor, NEAR * self.record.range)
+        return exceeds(reach, _MIN_MOTION * self.floor, NEAR * self.record.range)
 
     def arrays(self, shift: float = 0.0) -> Windowed:
         """The windows as arrays for compiled functions, the input delayed by `shift` [s]."""
         record = self.record
         return Windowed(
-            shifted(record.u, shift / record.dt), record.x, float(record.t[0]), record.dt,
-            self.hold == "first", self.edges, self.x0, self.v0, self.x0_error, self.v0_error,
-            self.rest, record.known_force,
-        )  # fmt: skip
+            delay_input(record.u, shift / record.dt),
+            record.x,
+            float(record.t[0]),
+            record.dt,
+            self.hold == "first",
+            self.edges,
+            self.x0,
+            self.v0,
+            self.x0_error,
+            self.v0_error,
+            self.rest,
+            record.known_force,
+        )
 
     def run(
         self,
@@ -103,14 +113,17 @@ class Windows:
         `thorough`: windows that end far above the noise are searched again from other velocities.
         """
         count = len(self)
-        at = Evaluation(np.zeros(int(self.edges[-1])), np.zeros((3, count)), np.zeros(count))
+        errors = np.zeros(int(self.edges[-1]))
+        at = Evaluation(errors, np.zeros((3, count)), np.zeros(count))
         at.starts[2] = np.nan
         offsets = _VELOCITY_OFFSETS if thorough else _VELOCITY_OFFSETS[:0]
-        search = Search(active, linked(axis), uniform(axis), self.floor, _ROUNDS, offsets)
+        search = Search(
+            active, passes_inner_states(axis), uniform(axis), self.floor, _ROUNDS, offsets
+        )
         project(axis.arrays(self.record.dt), self.arrays(), search, at)
         return at
 
-    def unseen(self, axes: Sequence[FrictionAxis], half: Ints, active: Bools) -> Evaluation:
+    def cross_validate(self, axes: Sequence[FrictionAxis], half: Ints, active: Bools) -> Evaluation:
         """Errors of two axes, each over the active windows of its half of the samples."""
         half = half[self.edges[:-1]]
         one, two = (self.evaluate(a, active & (half == k)) for k, a in enumerate(axes))
@@ -131,7 +144,8 @@ class Windows:
 
 def positions(axis: FrictionAxis, windowed: Windowed, active: Bools | None = None) -> Floats:
     """Positions of free runs over the active windows, shape (n,); all with inner states."""
-    arrays, count = axis.arrays(windowed.dt), windowed.edges.size - 1
+    arrays = axis.arrays(windowed.dt)
+    count = windowed.edges.size - 1
     if active is None or arrays.integers[STRUCTURE]:
         active = np.ones(count, bool)
     out = np.zeros(int(windowed.edges[-1]))
@@ -144,7 +158,7 @@ def uniform(axis: FrictionAxis) -> bool:
     return axis.coulomb.constant and not any(e.depends_on_place for e in axis.effects)
 
 
-def linked(axis: FrictionAxis) -> bool:
+def passes_inner_states(axis: FrictionAxis) -> bool:
     """Whether windows pass on inner states; those of the drive follow from its command."""
     return any(e.remembers and e.action not in ("delay", "lag") for e in axis.effects)
 
@@ -184,7 +198,7 @@ def cut(record: Record, window: float = 0.25, hold: str = "zero") -> Windows:
     rest = rest_times(record)[starts]
     # After a long rest the velocity is zero up to the resolution of the readings; the slope of
     # their noise would make the axis slide.
-    still = ~above(LONGEST, rest)
+    still = ~exceeds(LONGEST, rest)
     v0 = np.where(still, 0.0, smooth.v[starts])
     slow = np.minimum(errors[1], least_motion(record) / (2.0 * LONGEST))
     errors[1] = np.where(still, slow, errors[1])

@@ -32,12 +32,12 @@ def move(numbers, integers, memory, t, dt, u, first, events, count, out):
     if first:
         # The mode at the start is chosen, not switched to.
         memory[axis_step.MODE] = axis_step.outputs(plant, t, dt, memory, u)[2]
-    out[0] = axis_step.reading(plant, t, memory)
+    out[0] = axis_step.encoder_reading(plant, t, memory)
     out[1], out[2], out[3] = axis_step.sample(plant, t, dt, u, u, memory, events, count)
 
 
 def axis_outputs(numbers, integers, memory, t, dt, u, out):
     """What the axis shows under an input, without a motion."""
     plant = axis_step.point(numbers, integers)
-    out[0] = axis_step.reading(plant, t, memory)
+    out[0] = axis_step.encoder_reading(plant, t, memory)
     out[1], out[2], out[3] = axis_step.outputs(plant, t, dt, memory, u)

@@ -1338,7 +1338,7 @@ _SPECIAL: dict[Any, Callable[[_Body, ast.Call], Value]] = {
     int: _to_int,
     float: lambda body, node: body.real(body.value(node.args[0])),
     axis_step.pointer: lambda body, node: body.value(node.args[0]),
-    axis_step.further: _offset_pointer,
+    axis_step.offset_address: _offset_pointer,
     axis_step.spare_memory: _local,
     np.empty: _local,
     np.zeros: _local,

@@ -82,7 +82,8 @@ class CoulombIdentification(Result, CoulombMap):
         rows: list[tuple[str, ...]] = [("direction", "degree", "level", "std. error")]
         places = np.linspace(*self.travel, 101)
         for s, name, degree in zip((1, -1), "+-", self.degrees, strict=True):
-            level, error = self(places, s), np.mean(self.standard_error(places, s))
+            level = self(places, s)
+            error = np.mean(self.standard_error(places, s))
             ends = f"{level.min():.4g} to {level.max():.4g} {force}"
             rows.append((name, str(degree), ends, f"{error:.2g}"))
         yield rows
@@ -96,12 +97,14 @@ class CoulombIdentification(Result, CoulombMap):
         """What a level below zero means; empty where there is none."""
         length, force = self.units
         places = np.linspace(*self.travel, 101)
-        plus, minus = self(places, 1), self(places, -1)
+        plus = self(places, 1)
+        minus = self(places, -1)
         lower = np.minimum(plus, minus)
         at = int(np.argmin(lower))
         if lower[at] >= 0.0:
             return ""
-        way, beside = _WAYS[1 if plus[at] < minus[at] else -1], 0.5 * (plus - minus)
+        way = _WAYS[1 if plus[at] < minus[at] else -1]
+        beside = 0.5 * (plus - minus)
         return (
             f"the level in {way} direction is {lower[at]:.3g} {force} at x = {places[at]:.3g} "
             f"{length}, and friction is never negative: a force acts beside it, such as a weight, "
@@ -198,13 +201,7 @@ def identify_coulomb(
         instance("axis", axis, FrictionAxis)
         check_units(axis, record)
     pieces = crawl.average(record)
-    for s, name in _WAYS.items():
-        count = int(np.sum(pieces.direction == s))
-        if count < 10:
-            raise ValueError(
-                f"record slides in {name} direction over {count} pieces of motion only, 10 are "
-                "needed: it must cross the travel both ways"
-            )
+    _check_both_ways(pieces)
     travel = (float(record.x.min()), float(record.x.max()))
     viscous = mass = None
     unsure = np.zeros((2, 2))
@@ -217,7 +214,8 @@ def identify_coulomb(
         viscous, mass = _along_the_way(fine, travel)
         if viscous < 0.0:
             _tell(fine, record, "friction falls with velocity, as within a Stribeck peak")
-        viscous, mass = max(viscous, 0.0), max(mass, 0.0)
+        viscous = max(viscous, 0.0)
+        mass = max(mass, 0.0)
         unsure = _path_covariance(fine, travel)
     else:
         only = f"the velocity varies by {percent(varies)} only (motion slower than {crawl.SLOW:g}"
@@ -226,7 +224,8 @@ def identify_coulomb(
     held_out: dict[int, Floats] = {}
     fits: dict[int, crawl.Level] = {}
     for s, name in _WAYS.items():
-        own, force_there = pieces.direction == s, s * force[pieces.direction == s]
+        own = pieces.direction == s
+        force_there = s * force[pieces.direction == s]
         fits[s], errors = _fit_level(pieces.select_pieces(own), force_there, travel, degree, name)
         if errors is not None:
             held_out[s] = errors
@@ -256,12 +255,24 @@ def identify_coulomb(
     return result
 
 
+def _check_both_ways(pieces: crawl.Pieces) -> None:
+    """Refuse a crawl that hardly slides in one direction."""
+    for s, name in _WAYS.items():
+        count = int(np.sum(pieces.direction == s))
+        if count < 10:
+            raise ValueError(
+                f"record slides in {name} direction over {count} pieces of motion only, 10 are "
+                "needed: it must cross the travel both ways"
+            )
+
+
 def _fit_level(
     own: crawl.Pieces, force: Floats, travel: tuple[float, float], degree: int | None, name: str
 ) -> tuple[crawl.Level, Floats | None]:
     """Level of one direction, and its held-out errors by degree where that is looked for."""
     blocks = crawl.blocks_of(own)
-    count, errors = int(blocks.max()) + 1, None
+    count = int(blocks.max()) + 1
+    errors = None
     if degree is None:
         errors, level = crawl.best_level(own, force, travel, blocks)
     elif degree > count - 3:
@@ -318,7 +329,8 @@ def _tell_of_a_peak(pieces: crawl.Pieces, record: Record, travel: tuple[float, f
 def _subtract_known_forces(axis: FrictionAxis, pieces: crawl.Pieces) -> crawl.Pieces:
     """Pieces with the Coulomb level in place of the drive: what else the axis has is taken off."""
     axis = axis.effective()
-    bare, states = axis.replace(coulomb=0.0, stribeck=None), (pieces.x, pieces.v, pieces.u)
+    bare = axis.replace(coulomb=0.0, stribeck=None)
+    states = (pieces.x, pieces.v, pieces.u)
     level = net_force(bare, 0.0 * pieces.x, *states, pieces.direction) - axis.mass * pieces.rise
     if axis.stribeck is not None:
         level = level / axis.stribeck.factor(np.abs(pieces.v), axis.stick_speed)

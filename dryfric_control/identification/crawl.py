@@ -15,7 +15,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.records.motion import directions
 from dryfric_control.records.record import Record
-from dryfric_control.ties import NEAR, above, samples
+from dryfric_control.ties import NEAR, exceeds, samples
 
 # Longest piece of motion that is averaged, as a part of the travel.
 _PIECE = 1.0 / 80.0
@@ -75,7 +75,8 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
     least = 10.0 * max(record.quantum or 0.0, record.noise)
     rows = []
     for number, a in enumerate(starts):
-        rest, way = np.flatnonzero(s[a:] != s[a]), s[a]
+        rest = np.flatnonzero(s[a:] != s[a])
+        way = s[a]
         b = a + int(rest[0]) if rest.size else s.size
         total = way * (record.x[b] - record.x[a])
         parts = max(1, samples(total, longest))
@@ -83,9 +84,10 @@ def average(record: Record, piece: float = _PIECE) -> Pieces:
         inner = a + np.searchsorted(way * record.x[a:b], way * marks - NEAR * record.range)
         for c, d in zip([a, *inner], [*inner, b], strict=True):
             far = way * (record.x[d] - record.x[c])
-            if d > c and above(far, least, NEAR * record.range):
+            if d > c and exceeds(far, least, NEAR * record.range):
                 w = step[c:d] / step[c:d].sum()
-                place, speed = w @ (0.5 * (x[c:d] + x[c + 1 : d + 1])), w @ middle[c:d]
+                place = w @ (0.5 * (x[c:d] + x[c + 1 : d + 1]))
+                speed = w @ middle[c:d]
                 speed -= noise**2 / speed  # the weights hold the same noise: its square is none
                 rise = way * 0.5 * (v[d] ** 2 - v[c] ** 2) / far
                 means = far, place, w @ record.net_input[c:d], speed, rise
@@ -211,7 +213,8 @@ def _factor(pieces: Pieces, error: Floats, least: float) -> Floats:
     total = max(float(np.sum(error**2)), error.size * least**2)
     if total == 0.0:
         return np.vstack([np.sqrt(pieces.way), np.zeros(error.size)])
-    begin, end = pieces.begin**2, pieces.end**2
+    begin = pieces.begin**2
+    end = pieces.end**2
     shared = np.where(pieces.slide[1:] == pieces.slide[:-1], end[:-1], 0.0)
     ends = begin + end
     a = -float(np.sum((error[1:] * error[:-1])[shared > 0.0])) / max(float(shared.sum()), 1e-300)

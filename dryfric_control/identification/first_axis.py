@@ -64,7 +64,8 @@ class ForceRegression(Result):
     def _summary_parts(self) -> Iterator[str | list[list[str]]]:
         lines = [line.strip("| ").split(" | ") for line in self.table().splitlines()]
         yield [lines[0], *lines[2:]]
-        force, length = self.axis.units[1], self.axis.units[0]
+        force = self.axis.units[1]
+        length = self.axis.units[0]
         yield (
             f"left of the drive: {self.rms:.3g} {force} RMS; beside these a constant force of "
             f"{self.constant:.3g} {force} and {self.slope:.3g} {force}/{length} over place"
@@ -143,7 +144,8 @@ def force_regression(record: RecordLike) -> ForceRegression:
     (2.4, 0.007)
     """
     record = as_record(record)
-    length, force = record.units.get("x"), record.units.get("u")
+    length = record.units.get("x")
+    force = record.units.get("u")
     if (length, force) in (("m", "N m"), ("rad", "N")):
         turned = "lead= or pinion_radius= [m]" if length == "m" else "pinion_radius= [m]"
         raise ValueError(
@@ -159,7 +161,8 @@ def force_regression(record: RecordLike) -> ForceRegression:
             "viscous and coulomb are not told apart by this record, of nearly one velocity: the "
             "level has both, viscous is taken as 0"
         )
-    values, errors = found.values, found.errors
+    values = found.values
+    errors = found.errors
     parameters = dict(zip(_NAMES, values[:3].tolist(), strict=True))
     deviations = dict(zip(_NAMES, errors[:3].tolist(), strict=True))
     if found.has_opposed_drive:

@@ -247,7 +247,8 @@ class Fit(Saved, Result):
         form : {"markdown", "latex", "csv"}, optional
             "latex" needs the packages booktabs and siunitx, "csv" has all digits.
         """
-        ends, rows = self.interval(0.9), []
+        ends = self.interval(0.9)
+        rows = []
         for name, value in self.parameters.items():
             unit = self.units[name]
             low, high = (Quantity(end, None, unit) for end in ends[name])
@@ -498,7 +499,8 @@ def _starting_points(
     if starts > 1:
         points.append(_nearest_valid_point(problem, force_start(problem, first, records), first))
     rng = np.random.default_rng(seed)
-    low, high = problem.low[: first.size], problem.high[: first.size]
+    low = problem.low[: first.size]
+    high = problem.high[: first.size]
     while len(points) < starts:
         base = points[len(points) % 2]
         spread = np.array(list(map(_spread, problem.parameters, base)))
@@ -538,7 +540,8 @@ def _fit_warnings(found: Solution, first: Floats, z: Floats, force: float) -> It
     rows = zip(problem.parameters, first, z, problem.low, problem.high, strict=False)
     far: dict[str, str] = {}
     for p, start, end, low, high in rows:
-        before, after = p.value(start), p.value(end)
+        before = p.value(start)
+        after = p.value(end)
         if (end <= low or end >= high) and after != 0.0:
             yield (
                 f"{p.name} ended at its bound, {after:.4g} {p.unit}: the model does not fit, or "
@@ -568,7 +571,8 @@ def _fit_warnings(found: Solution, first: Floats, z: Floats, force: float) -> It
 
 def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
     """The fit from its end; `acting`: whether a random force acts."""
-    problem, count = found.problem, first.size
+    problem = found.problem
+    count = first.size
     z, low, high = (part[:count] for part in (found.z, problem.low, problem.high))
     gradients = found.gradients[:, :count]
     bias = input_bias(found) if acting else np.zeros_like(gradients)
@@ -582,7 +586,9 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
         # What the record leaves open stays as near to the nominal values as it can.
         basis = np.linalg.qr(away.T)[0]
         z = np.clip(z - basis @ (basis.T @ (z - first)), low, high)
-    names, parameters, axis = problem.names, tuple(problem.parameters), problem.axis_at(z)
+    names = problem.names
+    parameters = tuple(problem.parameters)
+    axis = problem.axis_at(z)
     values = np.array([p.value(c) for p, c in zip(parameters, z, strict=True)])
     slopes = np.array([p.slope(v) for p, v in zip(parameters, values, strict=True)])
     errors = slopes * np.sqrt(np.diag(covariance))
@@ -604,7 +610,8 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
     given, spreads = (dict(zip(names, v.tolist(), strict=True)) for v in (values, errors))
     units = {p.name: p.unit for p in parameters}
     noise = tuple(found.reading_noise(i) for i in runs)
-    hold, shift = "first" if problem.first else "zero", given.get(SHIFT, 0.0)
+    hold = "first" if problem.first else "zero"
+    shift = given.get(SHIFT, 0.0)
     shown = tuple(replay(axis, r, window, hold, shift=shift) for r in records)
     terms = parameters, z, gradients, normals, away, covariance
     return Fit(axis, given, spreads, correlation, units, messages, force, noise, shown, terms)

@@ -133,7 +133,8 @@ def _low_sensitivity_reason(
     axis: FrictionAxis, records: Sequence[Record], parameter: Parameter
 ) -> str:
     """Why a parameter has little effect in the records."""
-    axis, name = axis.effective(), parameter.name
+    axis = axis.effective()
+    name = parameter.name
     force = np.sqrt(np.mean(np.concatenate([r.u for r in records]) ** 2))
     speed = np.concatenate([r.derivatives().v for r in records])
     way = np.concatenate([directions(r) for r in records])

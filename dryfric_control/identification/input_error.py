@@ -8,7 +8,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.compiled import likelihood as compiled
-from dryfric_control.compiled.linear import Recursion, respond
+from dryfric_control.compiled.linear import Recursion, innovation_change
 from dryfric_control.compiled.windowed_runs import accelerations
 from dryfric_control.estimation.input_noise import noise_of, without_noise
 from dryfric_control.estimation.likelihood import Run, recursion
@@ -33,7 +33,8 @@ def input_bias(found: Solution, seed: int = 0) -> Floats:
     filter's linear recursion.  A random force that acts on the axis has no such effect: what
     counts is the noise of the input that the readings do not show.
     """
-    problem, rng = found.problem, np.random.default_rng(seed)
+    problem = found.problem
+    rng = np.random.default_rng(seed)
     rows = []
     for i, run in enumerate(problem.runs):
         bias = np.zeros((run.edges.size - 1, len(problem.names)))
@@ -41,7 +42,8 @@ def input_bias(found: Solution, seed: int = 0) -> Floats:
         axis = problem.axis_at(found.z, i)
         if spread > 0.0 and not any(e.action in WITH_STATE[2:] for e in axis.effects):
             noise = spread * rng.standard_normal((run.u.size, _DRAWS))
-            out, states = found.point.out[i], found.point.states[i]
+            out = found.point.out[i]
+            states = found.point.states[i]
             linear = recursion(axis, run.record.dt, states, run.w.size > 0)
             seen = run.active & (out[1] > 0.0)
             size = np.where(seen, out[1], 1.0)
@@ -60,7 +62,7 @@ def input_bias(found: Solution, seed: int = 0) -> Floats:
 def _response(force: Floats, linear: Recursion) -> Floats:
     """Change of the innovations under model forces, shape (n, ncolumns)."""
     out = np.zeros_like(force)
-    respond(force, force[:0], linear, out)
+    innovation_change(force, force[:0], linear, out)
     return out
 
 
@@ -70,7 +72,8 @@ def _drive_slopes(found: Solution, i: int, axis: FrictionAxis, spread: float) ->
     direction = np.sign(states[2]).astype(np.int64)
 
     def force(one: FrictionAxis, drive: float) -> Floats:
-        arrays, a = one.arrays(1.0), np.empty(direction.size)
+        arrays = one.arrays(1.0)
+        a = np.empty(direction.size)
         accelerations(
             arrays.numbers, arrays.integers, run.record.t, states[0], states[1], run.u + drive,
             run.record.known_force, direction, a,
@@ -103,18 +106,21 @@ def _with_input(run: Run, u: Floats) -> Run:
 def _measured_noise(found: Solution, i: int) -> float:
     """Standard deviation of noise in the input of record i that did not act on the axis."""
     # Of the noise that the input shows, the part whose removal the innovations ask for.
-    problem, run = found.problem, found.problem.runs[i]
+    problem = found.problem
+    run = found.problem.runs[i]
     noise = noise_of(run.u)
     rough = run.u - without_noise(run.u, _WIDTH)
     if noise == 0.0 or not np.any(rough):
         return 0.0
-    here, there = found.point.out[i], list(problem.runs)
+    here = found.point.out[i]
+    there = list(problem.runs)
     there[i] = _with_input(run, run.u - _STEP * rough)
     out = problem.on(there).innovations(found.z, i)[0]
     slopes = np.zeros((1, 2, run.u.size))
     compiled.slopes(here, here, out, 0.0, _STEP, slopes[0])
     blocks = run.edges.size - 1
-    g, h = np.zeros((blocks, 1)), np.zeros((blocks, 1, 1))
+    g = np.zeros((blocks, 1))
+    h = np.zeros((blocks, 1, 1))
     compiled.normal_terms(here, run.active, run.edges, slopes, g, h)
     bent = found.curvature() * h.sum()
     part = -g.sum() / bent if bent > 0.0 else 0.0

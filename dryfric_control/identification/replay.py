@@ -53,7 +53,8 @@ class Replay(Result):
         return float(np.mean(np.log1p((self.rms_by_window / self.quantum) ** 2)))
 
     def _summary_parts(self) -> list[str]:
-        record, windows = self.windows.record, self.windows
+        record = self.windows.record
+        windows = self.windows
         errors = self.rms, self.median, float(self.rms_by_window.max())
         rms, median, most = (length_text(one, self.axis.units[0]) for one in errors)
         name = f"{record.name}: " if record.name else ""
@@ -65,7 +66,8 @@ class Replay(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers of the replay, ready for JSON."""
-        worst, times = float(self.rms_by_window.max()), self.windows.start_times.tolist()
+        worst = float(self.rms_by_window.max())
+        times = self.windows.start_times.tolist()
         numbers = {"rms": self.rms, "median": self.median, "worst": worst, "quantum": self.quantum}
         windows = {"start_times": times, "rms_by_window": self.rms_by_window.tolist()}
         return numbers | {"score": self.score} | windows
@@ -73,9 +75,11 @@ class Replay(Result):
     @panels(2)
     def plot(self, axes: Any) -> str:
         """Draw measured position and free runs, and their errors."""
-        record, length = self.windows.record, self.axis.units[0]
+        record = self.windows.record
+        length = self.axis.units[0]
         # A gap at each restart, so that a run is not joined to the next.
-        ends, lines = self.windows.edges[1:-1], (record.t, self.positions, self.errors)
+        ends = self.windows.edges[1:-1]
+        lines = (record.t, self.positions, self.errors)
         t, runs, errors = (np.insert(one, ends, np.nan) for one in lines)
         axes[0].plot(record.t, record.x, ".", color=MEASURED, ms=3, label="measured")
         axes[0].plot(t, runs, "k-", lw=1, label="free runs")
@@ -186,7 +190,8 @@ class LoopReplay(Result):
     def plot(self, axes: Any) -> str:
         """Draw position, its error and drive force, measured and replayed."""
         length, force = self.units
-        t, y = self.record.t, self.response.y
+        t = self.record.t
+        y = self.response.y
         axes[0].plot(t, self.record.x, ".", color=MEASURED, ms=3, label="measured")
         axes[0].plot(t, y[0], "k-", lw=1, label="model")
         label_axes(axes[0], y=f"position [{length}]")
@@ -238,8 +243,10 @@ def replay_loop(axis: FrictionAxis, record: Record, controller: PositionControll
             f"controller.dt is {controller.dt:g} s and the record's step {record.dt:g} s: they "
             "must agree"
         )
-    start, quantum = record.derivatives(), record.quantum or 0.0
-    x0, v0 = float(start.x[0]), float(start.v[0])
+    start = record.derivatives()
+    quantum = record.quantum or 0.0
+    x0 = float(start.x[0])
+    v0 = float(start.v[0])
     response = simulate_loop(axis, controller, record.reference, quantum=quantum, x0=x0, v0=v0)
     return LoopReplay(record, response, axis.units)
 

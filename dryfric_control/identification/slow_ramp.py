@@ -49,7 +49,8 @@ class SlowRamp(Result):
             np.savetxt(part, columns, fmt="%.9g", delimiter=",", header=head, comments="")
 
     def _summary_parts(self) -> list[str]:
-        found, length = self.to_dict(), self.axis.units[0]
+        found = self.to_dict()
+        length = self.axis.units[0]
         speed = float(np.max(np.abs(np.diff(self.reference)))) / self.record.dt
         return [
             f"slow ramp over {found['low']:.4g} to {found['high']:.4g} {length} and back in "
@@ -58,7 +59,8 @@ class SlowRamp(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers of the experiment, ready for JSON."""
-        low, high = float(self.reference.min()), float(self.reference.max())
+        low = float(self.reference.min())
+        high = float(self.reference.max())
         run = {"dt": self.record.dt, "duration": self.record.duration, "low": low, "high": high}
         gains = {name: getattr(self.controller, name) for name in ("kp", "ki", "kd")}
         return run | {"switches": len(self.response.events)} | gains
@@ -155,12 +157,15 @@ def slow_ramp_experiment(
     t = np.arange(round(duration / dt)) * dt
     reference = np.interp(t, [0.0, 0.5 * duration, duration], [low, high, low])
     response = simulate_loop(axis, controller, reference, quantum=quantum, x0=low)
-    units, name = dict(zip("xu", axis.units, strict=True)), f"slow ramp of {axis.name}"
-    u, x = response.y[4], response.y[5]
+    units = dict(zip("xu", axis.units, strict=True))
+    name = f"slow ramp of {axis.name}"
+    u = response.y[4]
+    x = response.y[5]
     record = Record(t, u, x, reference, units=units, name=name, quantum=quantum)
     ramp = SlowRamp(axis, controller, record, response)
     speed = 2.0 * (high - low) / duration
-    peak, unit = axis.effective().stribeck, f"{axis.units[0]}/s"
+    peak = axis.effective().stribeck
+    unit = f"{axis.units[0]}/s"
     if peak is not None and speed < _CLEAR * peak.speed and len(response.events) < _STEADY:
         warn(
             f"the crawl at {speed:.3g} {unit} stays within the Stribeck peak (speed "

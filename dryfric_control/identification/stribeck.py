@@ -21,7 +21,7 @@ from dryfric_control.records.motion import directions
 from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, fields_of, plain_data
-from dryfric_control.ties import NEAR, above
+from dryfric_control.ties import NEAR, exceeds
 from dryfric_control.units import check_units
 
 # Where the search starts.
@@ -145,7 +145,7 @@ def stick_phases(record: Record) -> Sticks:
     begin, end = begin[keep], end[keep]
     if end.size > 1:
         ways = np.abs(record.x[begin[1:]] - record.x[end[:-1]])
-        real = ~above(_SLIP * np.quantile(ways, 0.9), ways, NEAR * record.range)
+        real = ~exceeds(_SLIP * np.quantile(ways, 0.9), ways, NEAR * record.range)
         begin, end = begin[np.r_[True, real]], end[np.r_[real, True]]
     return Sticks(begin, end, moving[end].astype(np.int64))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -192,7 +192,8 @@ class FrictionAxis:
         string("name", self.name)
         put("units", axis_units(self.units))
         for name, unit in _POSITIVE.items():
-            value, shown = getattr(self, name), self.unit(unit)
+            value = getattr(self, name)
+            shown = self.unit(unit)
             put(name, positive(name, value, unit=shown, zero=name == "viscous"))
         put("coulomb", CoulombMap.of(self.coulomb))
         if self.stribeck is not None and not isinstance(self.stribeck, Stribeck):
@@ -208,19 +209,7 @@ class FrictionAxis:
         given = self.effects
         alone = isinstance(given, (Effect, str)) or not isinstance(given, Iterable)
         put("effects", (given,) if alone else tuple(given))
-        for effect in self.effects:
-            if not isinstance(effect, Effect):
-                raise ValueError(
-                    "effects must be a sequence of effects, such as "
-                    f"[dfc.effects.Spring(stiffness=200.0)], got {effect!r}"
-                )
-        for action in WITH_STATE:
-            alike = [effect.slug for effect in self.effects if effect.action == action]
-            if len(alike) > 1:
-                mend = "keep one" if action in ("contact", "transmission") else "add them up"
-                raise ValueError(
-                    f"effects holds more than one {action} ({', '.join(alike)}): {mend}"
-                )
+        _check_effects(self.effects)
 
     def replace(self, **changes: Any) -> FrictionAxis:
         """Axis with some of its fields changed.
@@ -492,28 +481,19 @@ class FrictionAxis:
         one_of("input", input, ("drive", "force"))
         axis = self.effective()
         inner = rigid_inner(axis)
-        rate = axis.stick_rate if index == 0 else axis.viscous / axis.mass
-        gain = 0.0 if index == 0 and input == "drive" else 1.0 / axis.mass
-        pull = 0.0
-        read = 1.0
-        if at is not None:
-            slopes = self._slopes(index, at)
-            read = slopes[3]
-            if index != 0:
-                pull, rate = slopes[0], -slopes[1]
-                gain = slopes[2] if input == "drive" else gain
-        states, rates = ["x", "v"], {"stick_rate" if index == 0 else "viscous / mass": rate}
-        a, b = np.array([[0.0, 1.0], [pull, -rate]]), np.array([[0.0], [gain]])
+        slopes = None if at is None else self._slopes(index, at)
+        pull, rate, gain, read = _mode_coefficients(axis, index, input, slopes)
+        states = ["x", "v"]
+        rates = {"stick_rate" if index == 0 else "viscous / mass": rate}
+        a = np.array([[0.0, 1.0], [pull, -rate]])
+        b = np.array([[0.0], [gain]])
         if input == "drive" and inner.lag > 0.0:
             a = np.block([[a, b], [np.zeros((1, 2)), np.full((1, 1), -1.0 / inner.lag)]])
             b = np.array([[0.0], [0.0], [1.0 / inner.lag]])
-            states, rates = [*states, "lagged"], rates | {"1 / lag": 1.0 / inner.lag}
-        for what, fall in rates.items():
-            if method == "euler" and dt * fall >= 2.0:
-                raise ValueError(
-                    f"Euler needs dt * {what} < 2, got {dt * fall:.4g}: "
-                    f'lower dt or {what}, or take method="zoh"'
-                )
+            states = [*states, "lagged"]
+            rates = rates | {"1 / lag": 1.0 / inner.lag}
+        if method == "euler":
+            _check_euler(rates, dt)
         if input == "drive" and inner.delay > 0.0:
             a, b = _delay_matrices(a, b, inner.delay, dt, method)
             states += [f"u_{k}" for k in range(1, len(a) - len(states) + 1)]
@@ -598,7 +578,9 @@ class FrictionAxis:
 
     def _rows(self) -> list[tuple[str, str]]:
         """Names and values with units."""
-        length, force, speed = self.unit("m"), self.unit("N"), self.unit("m/s")
+        length = self.unit("m")
+        force = self.unit("N")
+        speed = self.unit("m/s")
         rows = [
             (rotary_words("mass", force), f"{self.mass:.6g} {self.unit('kg')}"),
             ("viscous", f"{self.viscous:.6g} {self.unit('N s/m')}"),
@@ -655,7 +637,8 @@ def mode_matrices(
     """State matrix and force column of ``v' = -rate v + force / mass``, "euler" or "zoh"."""
     if discretization == "euler":
         return np.array([[1.0, dt], [0.0, 1.0 - dt * rate]]), np.array([0.0, dt * inverse_mass])
-    z, fall = rate * dt, -np.expm1(-rate * dt)
+    z = rate * dt
+    fall = -np.expm1(-rate * dt)
     # ways of a velocity of 1, and of an acceleration of 1, by series where they cancel
     moved = fall / rate if z > 1e-8 else dt * (1.0 - 0.5 * z)
     drift = (dt - moved) / rate if z > 1e-4 else dt**2 * (0.5 - z / 6.0 + z * z / 24.0)
@@ -665,7 +648,8 @@ def mode_matrices(
 
 def _hold_matrices(a: Floats, b: Floats, h: float, method: str) -> tuple[Floats, Floats]:
     """Matrices of a time h over which the input is held."""
-    n, rate = len(a), -float(a[1, 1])
+    n = len(a)
+    rate = -float(a[1, 1])
     if method == "zoh" and n == 2 and a[1, 0] == 0.0 and rate >= 0.0:
         held, column = mode_matrices(rate, float(b[1, 0]), h, method)
         return held, column[:, None]
@@ -687,7 +671,8 @@ def _delay_matrices(
         )
     # In the sample the older input acts first, for a part of it, then the newer one.
     whole, part = axis_step._whole_samples(delay, dt)
-    n, length = len(a), whole + (part > 0.0)
+    n = len(a)
+    length = whole + (part > 0.0)
     a_new, b_new = _hold_matrices(a, b, (1.0 - part) * dt, method)
     a_old, b_old = _hold_matrices(a, b, part * dt, method)
     if method == "euler":
@@ -695,7 +680,8 @@ def _delay_matrices(
         a_new = np.eye(n)
     given = np.zeros((n, whole + 2))  # columns of the inputs, the newest first
     given[:, [whole]], given[:, [whole + 1]] = b_new, a_new @ b_old
-    older, shift = given[:, 1 : length + 1], np.eye(length, k=-1)
+    older = given[:, 1 : length + 1]
+    shift = np.eye(length, k=-1)
     big = np.block([[a_new @ a_old, older], [np.zeros((length, n)), shift]])
     return big, np.vstack([given[:, :1], np.eye(length, 1)])
 
@@ -829,8 +815,10 @@ def check_pace(axis: FrictionAxis, dt: float) -> None:
             swing = math.sqrt(effect.stiffest * inverse_masses(axis, dt)) * dt
         decay = rates["damping"] * dt if effect.action == "transmission" else 0.0
         if swing > MOST_SWING:
-            inner, unit = effect.inner(axis), axis.unit("N/m")
-            stiffness, less = inner.contact + inner.stiffness, MOST_SWING / swing
+            inner = effect.inner(axis)
+            unit = axis.unit("N/m")
+            stiffness = inner.contact + inner.stiffness
+            less = MOST_SWING / swing
             stiffness = max(stiffness, effect.stiffest)
             raise ValueError(
                 f"{effect.describe(axis.units)} is too stiff: with {stiffness:.3g} {unit} it "
@@ -856,7 +844,8 @@ def inverse_masses(axis: FrictionAxis, dt: float) -> float:
 
 def elastic_rates(axis: FrictionAxis, dt: float) -> dict[str, float]:
     """Frequencies of "contact" and "transmission", decay by its "damping" [1/s]; 0 without."""
-    numbers, inverse = axis.arrays(dt).numbers, inverse_masses(axis, dt)
+    numbers = axis.arrays(dt).numbers
+    inverse = inverse_masses(axis, dt)
     return {
         "contact": math.sqrt(
             numbers[axis_step.CONTACT_STIFFNESS] * numbers[axis_step.INVERSE_MASS]
@@ -898,7 +887,8 @@ def span_of(travel: Any, name: str = "travel") -> tuple[float, float]:
         low, high = travel
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be (low, high), got {travel!r}") from None
-    low, high = finite(f"{name}[0]", low), finite(f"{name}[1]", high)
+    low = finite(f"{name}[0]", low)
+    high = finite(f"{name}[1]", high)
     if not low < high:
         raise ValueError(f"{name} must run from low to high, got {travel!r}")
     return low, high
@@ -909,6 +899,32 @@ def _polynomial(coefficients: tuple[float, ...]) -> str:
     for power, c in enumerate(coefficients[1:], start=1):
         terms.append(f"{'+' if c >= 0 else '-'} {abs(c):.6g} x{f'^{power}' if power > 1 else ''}")
     return " ".join(terms)
+
+
+def _mode_coefficients(
+    axis: FrictionAxis, index: int, input: str, slopes: tuple[float, float, float, float] | None
+) -> tuple[float, float, float, float]:
+    """Slope by position, decay rate and gain of a mode's acceleration, slope of the reading."""
+    pull = 0.0
+    rate = axis.stick_rate if index == 0 else axis.viscous / axis.mass
+    gain = 0.0 if index == 0 and input == "drive" else 1.0 / axis.mass
+    if slopes is None:
+        return pull, rate, gain, 1.0
+    if index != 0:
+        pull = slopes[0]
+        rate = -slopes[1]
+        gain = slopes[2] if input == "drive" else gain
+    return pull, rate, gain, slopes[3]
+
+
+def _check_euler(rates: Mapping[str, float], dt: float) -> None:
+    """Refuse a step with which Euler's method is unstable."""
+    for what, fall in rates.items():
+        if dt * fall >= 2.0:
+            raise ValueError(
+                f"Euler needs dt * {what} < 2, got {dt * fall:.4g}: "
+                f'lower dt or {what}, or take method="zoh"'
+            )
 
 
 def _usual_speed(axis: FrictionAxis, inner: Inner) -> float:
@@ -932,15 +948,83 @@ def _history_length(axis: FrictionAxis, inner: Inner, dt: float) -> int:
     return int(np.ceil(inner.delay / dt)) + 2 if inner.delay > 0.0 else 0
 
 
-def _structure_flags(inner: Inner, behind: bool) -> int:
-    """Flags of the inner states of an axis; `behind`: a transmission is before the load."""
+def _has_transmission(inner: Inner) -> bool:
+    """Whether a gap or a spring is before the load."""
+    return inner.half_gap > 0.0 or inner.stiffness > 0.0
+
+
+def _structure_flags(inner: Inner) -> int:
+    """Flags of the inner states of an axis."""
     return (
         axis_step.CONTACT * (inner.contact > 0.0)
         | axis_step.PLAY * (inner.half_gap > 0.0)
         | axis_step.SPRING * (inner.stiffness > 0.0)
-        | axis_step.ON_LOAD * (behind and inner.on_load > 0.0)
+        | axis_step.ON_LOAD * (_has_transmission(inner) and inner.on_load > 0.0)
         | axis_step.MOTOR_RUBS * (inner.motor_rubs > 0.0)
     )
+
+
+def _check_effects(effects: tuple[Effect, ...]) -> None:
+    """Refuse what is no effect, and several that need the same state."""
+    for effect in effects:
+        if not isinstance(effect, Effect):
+            raise ValueError(
+                "effects must be a sequence of effects, such as "
+                f"[dfc.effects.Spring(stiffness=200.0)], got {effect!r}"
+            )
+    for action in WITH_STATE:
+        alike = [effect.slug for effect in effects if effect.action == action]
+        if len(alike) > 1:
+            mend = "keep one" if action in ("contact", "transmission") else "add them up"
+            raise ValueError(f"effects holds more than one {action} ({', '.join(alike)}): {mend}")
+
+
+def _base_numbers(axis: FrictionAxis, inner: Inner, friction_mass: float) -> list[float]:
+    """Numbers of an axis before those of its laws; `friction_mass`: share of the mass with it."""
+    low, high = axis.travel or (-np.inf, np.inf)
+    stribeck = axis.stribeck
+    return [
+        1.0 / axis.mass,
+        axis.viscous,
+        stribeck.excess if stribeck else 0.0,
+        1.0 / stribeck.speed if stribeck else 0.0,
+        axis.stick_speed,
+        inner.contact_damping / axis.mass if inner.contact > 0.0 else axis.stick_rate,
+        low,
+        high,
+        *inner[: Inner._fields.index("load_fraction")],
+        1.0 / (axis.mass * (1.0 - friction_mass)) if _has_transmission(inner) else 0.0,
+        min((effect.shortest_length for effect in axis.effects), default=np.inf),
+        min((effect.shortest_time for effect in axis.effects), default=np.inf),
+        0.0,
+    ]
+
+
+def _edges(axis: FrictionAxis) -> list[float]:
+    """Positions at which a force bends."""
+    # Beyond its travel an axis has the levels of its ends.
+    bent = max(len(axis.coulomb.plus), len(axis.coulomb.minus)) > 1
+    ends = axis.travel or ()
+    return [*(ends if bent else ()), *(x for e in axis.effects for x in e.edges)]
+
+
+def _task_addresses(structure: int) -> tuple[int, int]:
+    """Addresses of the functions that move an axis without, and with, its inner states."""
+    rigid = axis_step.rigid_task().address
+    return rigid, elastic.inner_task().address if structure else rigid
+
+
+def _append_load_side(
+    numbers: list[float], integers: list[int], inner: Inner, friction_mass: float
+) -> None:
+    """Append the numbers again for the mass with friction alone, behind a transmission."""
+    load = len(numbers)
+    integers[axis_step.N_NUMBERS] = load
+    numbers += numbers
+    numbers[load + axis_step.INVERSE_MASS] /= friction_mass
+    if inner.contact > 0.0:
+        numbers[load + axis_step.STICK_RATE] /= friction_mass
+    numbers[load + axis_step.BEHIND] = 1.0
 
 
 @functools.lru_cache(maxsize=1024)
@@ -958,31 +1042,15 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
     )
     laws = [*by_action["input"], *forces, *levels, *by_action["reading"]]
     inner = inner_of(axis)
-    behind = inner.half_gap > 0.0 or inner.stiffness > 0.0
     rubbing = 1.0 - inner.load_fraction if inner.motor_rubs else inner.load_fraction
     loaded = sum(effect.depends_on_load for effect in levels)
     corners = input_corners(by_action["input"])
-    speed = _usual_speed(axis, inner)
-    slopes = {effect: effect.slopes(axis, speed) for effect in (*forces, *levels)}
-    low, high = axis.travel or (-np.inf, np.inf)
-    # Beyond its travel an axis has the levels of its ends.
-    bent = max(len(axis.coulomb.plus), len(axis.coulomb.minus)) > 1
-    edges = [*(axis.travel or () if bent else ()), *(x for e in axis.effects for x in e.edges)]
-    stribeck = axis.stribeck
+    slopes = {
+        effect: effect.slopes(axis, _usual_speed(axis, inner)) for effect in (*forces, *levels)
+    }
+    edges = _edges(axis)
     numbers = [
-        1.0 / axis.mass,
-        axis.viscous,
-        stribeck.excess if stribeck else 0.0,
-        1.0 / stribeck.speed if stribeck else 0.0,
-        axis.stick_speed,
-        inner.contact_damping / axis.mass if inner.contact > 0.0 else axis.stick_rate,
-        low,
-        high,
-        *inner[: Inner._fields.index("load_fraction")],
-        1.0 / (axis.mass * (1.0 - rubbing)) if behind else 0.0,
-        min((effect.shortest_length for effect in axis.effects), default=np.inf),
-        min((effect.shortest_time for effect in axis.effects), default=np.inf),
-        0.0,
+        *_base_numbers(axis, inner, rubbing),
         rubbing if inner.half_gap > 0.0 and loaded and not inner.motor_rubs else 1.0,
         inner.bristles,
         0.0,
@@ -990,11 +1058,8 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
         *axis.coulomb.plus,
         *axis.coulomb.minus,
     ]
-    history, structure = _history_length(axis, inner, dt), _structure_flags(inner, behind)
-    tasks = [0, 0]  # addresses
-    if moved:
-        rigid = axis_step.rigid_task().address
-        tasks = [rigid, elastic.inner_task().address if structure else rigid]
+    history = _history_length(axis, inner, dt)
+    structure = _structure_flags(inner)
     integers = [
         SWITCHING[axis.switching],
         len(axis.coulomb.plus),
@@ -1006,7 +1071,7 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
         history,
         structure,
         0,
-        *tasks,
+        *(_task_addresses(structure) if moved else (0, 0)),
         sum(effect.within_peak for effect in levels),
         len(by_action["reading"]),
         loaded,
@@ -1021,14 +1086,8 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
         numbers += slopes.get(effect, Slopes()).within_range()
         integers += [law_address(type(effect)), len(numbers)]
         numbers += effect.values
-    if behind:
-        integers[axis_step.N_NUMBERS] = len(numbers)
-        numbers += numbers
-        load = integers[axis_step.N_NUMBERS]
-        numbers[load + axis_step.INVERSE_MASS] /= rubbing
-        if inner.contact > 0.0:
-            numbers[load + axis_step.STICK_RATE] /= rubbing
-        numbers[load + axis_step.BEHIND] = 1.0
+    if _has_transmission(inner):
+        _append_load_side(numbers, integers, inner, rubbing)
     result = Arrays(
         np.array(numbers, dtype=float),
         np.array(integers, dtype=np.int64),

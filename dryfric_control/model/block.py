@@ -92,7 +92,8 @@ class Block(ct.NonlinearIOSystem):
         whole: ct.NonlinearIOSystem = self
         caller: Any = sys._getframe(1)
         while isinstance(part_of := caller.f_locals.get("self"), ct.InterconnectedSystem):
-            whole, caller = part_of, caller.f_back
+            whole = part_of
+            caller = caller.f_back
         if params and not _takes_parameters(whole):
             raise ValueError(
                 f"params = {params!r} changes nothing: {self.name!r} keeps the numbers it was made "

@@ -179,7 +179,8 @@ def switched_axis(
     dt = positive("dt", dt, unit="s")
     _require_memoryless(axis, "switched_axis")
     name = string("name", name or axis.name)
-    zero, one = np.zeros((2, 2)), np.eye(2)
+    zero = np.zeros((2, 2))
+    one = np.eye(2)
     names = {"inputs": ["x_next", "v_next"], "outputs": ["x", "v"], "states": ["x", "v"]}
     state = ct.ss(zero, one, one, zero, dt, name="state", **names)
     modes = [_mode_flow(axis, index, dt) for index in MODE_LABELS]

@@ -142,7 +142,8 @@ def middle_level(level: CoulombMap, travel: tuple[float, float] | None) -> float
 
 def _surely_positive(c: tuple[float, ...], travel: tuple[float, float]) -> bool:
     """Whether the value in the middle exceeds all that the other terms can take off."""
-    middle, half = 0.5 * (travel[0] + travel[1]), 0.5 * (travel[1] - travel[0])
+    middle = 0.5 * (travel[0] + travel[1])
+    half = 0.5 * (travel[1] - travel[0])
     around = list(c)  # Taylor coefficients about the middle, by Horner's rule
     for i in range(len(around) - 1):
         for k in range(len(around) - 2, i - 1, -1):

@@ -74,7 +74,8 @@ def draw_curve(
     grid = np.unique(np.minimum(grid, speed))
     v = np.concatenate((-grid[::-1], grid))
     force = friction_over_velocity(axis, v[:, None], places[None, :])
-    low, high = force.min(axis=1), force.max(axis=1)
+    low = force.min(axis=1)
+    high = force.max(axis=1)
     colour = style.get("color", "k")
     if np.any(high - low > 1e-9 * np.abs(force).max()):
         ax.fill_between(

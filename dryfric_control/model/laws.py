@@ -72,7 +72,8 @@ class _Motion:
 
     def start_piece(self, begin: int, end: int, x: float, v: float) -> None:
         """Start the piece of input from sample `begin` to sample `end`."""
-        first, last = float(self.u[begin]), float(self.ends[end - 1])
+        first = float(self.u[begin])
+        last = float(self.ends[end - 1])
         #: Whether the input laws bend between the inputs, so that each instant is looked up.
         self.bent = first != last and self.integers[axis_step.N_INPUT] > 0
         if first == last:
@@ -161,7 +162,9 @@ class Law(ABC):
         one_of("hold", hold, ("zero", "first"))
         instance("axis", axis, FrictionAxis)
         force = samples("u", u)
-        dt, x0, v0 = positive("dt", dt, unit="s"), finite("x0", x0), finite("v0", v0)
+        dt = positive("dt", dt, unit="s")
+        x0 = finite("x0", x0)
+        v0 = finite("v0", v0)
         for effect in axis.effects:
             if effect.action in ("contact", "transmission", "reading"):
                 raise ValueError(
@@ -194,17 +197,23 @@ class _Switched(Law):
     _held_by = 1
 
     def _solve(self, motion: _Motion, level: float, x: float, v: float, out: Floats) -> None:
-        unit, band = np.array([motion.dt, 1.0]) * level * motion.push, self.band
-        s, rest, switches = int(np.sign(v)) if abs(v) > band else 0, 0.0, 0
+        unit = np.array([motion.dt, 1.0]) * level * motion.push
+        band = self.band
+        s = int(np.sign(v)) if abs(v) > band else 0
+        rest = 0.0
+        switches = 0
         for begin, end in pairwise(motion.kinks):
             motion.start_piece(begin, end, x, v if s else 0.0)
             k = float(begin)
             while k < end:
-                before, start = k, s
+                before = k
+                start = s
                 if s:
                     k, x, v, stopped = self._slide(motion, k, end, x, v, s, unit, out)
                     if stopped:
-                        v, s, rest = s * band, 0, 0.0
+                        v = s * band
+                        s = 0
+                        rest = 0.0
                 else:
                     if k == int(k):
                         out[:, int(k)] = self._sample_outputs(motion, k, x, v, s, rest)
@@ -281,20 +290,25 @@ class _Switched(Law):
         """Time until the band is left, the side, and the velocity gained meanwhile."""
         # Forces are linear up to `stop`, exact unless an effect depends on time.  The mass leaves
         # once the net force at the band's edge points outwards: else drag there switches endlessly.
-        left, band = stop - k, self.band
+        left = stop - k
+        band = self.band
         now = self._resting_load(motion, k, x, rest)[1:]
         then = self._resting_load(motion, stop, x, rest + left * motion.dt)[1:]
-        side, start = -1, left
+        side = -1
+        start = left
         for i in range(2):
             # Ignore the round-off left of a load that has just fallen below friction.
             if now[i] > 0.0 and now[i] > -1e-12 * then[i]:
-                side, start = i, 0.0
+                side = i
+                start = 0.0
             elif then[i] > 0.0 and (crossing := left * now[i] / (now[i] - then[i])) < start:
-                side, start = i, crossing
+                side = i
+                start = crossing
         if side < 0:
             return left, 0, 0.0
         s = 1 - 2 * side
-        over, slope = max(now[side], 0.0), (then[side] - now[side]) / left
+        over = max(now[side], 0.0)
+        slope = (then[side] - now[side]) / left
         last = min(left, start - over / slope) if then[side] < 0.0 else left
         need = (band - s * v) / motion.push
         inside = over * over + 2 * slope * need

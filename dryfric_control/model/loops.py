@@ -158,7 +158,8 @@ class PositionController:
         reading, speed : float, optional
             Position reading [m] and velocity [m/s].
         """
-        reading, speed = finite("reading", reading), finite("speed", speed)
+        reading = finite("reading", reading)
+        speed = finite("speed", speed)
         memory = np.zeros(kernel.READINGS + kernel.LONGEST_SPAN)
         memory[kernel.SPEED] = speed
         ago = np.arange(1, kernel.LONGEST_SPAN + 1)
@@ -269,7 +270,8 @@ def simulate_loop(
     check_finite(out)
     _warn_if_divergent(axis, motion, force, out)
     labels = {"output_labels": ["x", "v", "F", "mode", "u", "y"], "input_labels": ["r"]}
-    title, time = f"{axis.name}: closed loop", np.arange(r.size) * dt
+    title = f"{axis.name}: closed loop"
+    time = np.arange(r.size) * dt
     return SimulationResponse(
         time, out, r.reshape(1, -1), events, axis.units, title=title, sysname=axis.name, **labels
     )
@@ -285,7 +287,8 @@ def _warn_if_divergent(
     axis: FrictionAxis, motion: MotionProfile, disturbance: Floats, out: Floats
 ) -> None:
     """Warn of a loop whose error is far beyond its reference and does not come to rest."""
-    r, lasts = motion.position, motion.duration
+    r = motion.position
+    lasts = motion.duration
     if lasts <= 0.0:
         return
     # Travel of the reference, and the way that start and disturbance alone would take the mass.

@@ -201,7 +201,8 @@ def move_phases(way: float, v: float, a: float, j: float) -> tuple[Floats, Float
     cruise = way / v - rise
     if cruise < 0.0:
         # The top speed is not reached; nor the acceleration, on a short way.
-        cruise, ramp = 0.0, a / j
+        cruise = 0.0
+        ramp = a / j
         if way >= 2.0 * a * ramp * ramp:
             rise = 0.5 * ramp + math.sqrt(0.25 * ramp * ramp + way / a)
         else:

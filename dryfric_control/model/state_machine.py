@@ -75,7 +75,8 @@ def _levels(axis: FrictionAxis, level: Callable[[ArrayLike, int], Any], s: int) 
     """Level over the travel with its unit: one number, or least to largest."""
     places = np.linspace(*axis.travel, 1001) if axis.travel else np.zeros(1)
     values = np.asarray(level(places, s), dtype=float)
-    low, high = f"{values.min():.3g}", f"{values.max():.3g}"
+    low = f"{values.min():.3g}"
+    high = f"{values.max():.3g}"
     unit = typeset_signs(axis.units[1])
     return f"{low if low == high else f'{low} to {high}'} {unit}"
 
@@ -122,7 +123,8 @@ def _box(ax: Any, mode: int, rows: list[str]) -> None:
     look: dict[str, Any] = {"facecolor": "white" if mode else "0.9", "edgecolor": "k", "lw": 1.2}
     shape = "round,pad=0,rounding_size=0.02"
     ax.add_patch(FancyBboxPatch((left, bottom), width, height, shape, **look))
-    middle, count = left + 0.5 * width, len(rows) + 1
+    middle = left + 0.5 * width
+    count = len(rows) + 1
     style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": _EQUATION}
     for i, text in enumerate([MODE_NAMES[mode], *rows]):
         y = bottom + height * (1.0 - (i + 0.5) / count)

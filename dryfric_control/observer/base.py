@@ -348,7 +348,8 @@ def drive_and_reading(observer: Any, u: Any, y: Any) -> tuple[Floats, Floats, Fl
 
     `observer` has the axis and the step that they must fit.
     """
-    start, known = 0.0, NO_FORCE
+    start = 0.0
+    known = NO_FORCE
     if hasattr(u, "units") and hasattr(u, "dt"):  # a record; no room imports both
         if y is not None:
             raise ValueError("y must be left out where u is a record: it holds its positions")

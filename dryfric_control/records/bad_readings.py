@@ -204,7 +204,8 @@ def _repeats(x: Floats, noise: float, quantum: float) -> list[int]:
             continue
         # Another reading may be repeated nearby: least and greatest step do not count.
         around = np.sort((*steps[a - 3 : a], *steps[b + 2 : b + 5]))[1:-1]
-        low, high = around[0], around[-1]
+        low = around[0]
+        high = around[-1]
         if low < 0.0 < high or min(abs(low), abs(high)) <= least:
             continue
         made_up = steps[b + 1] / np.median(around)  # the next step makes up for all repetitions
@@ -242,9 +243,12 @@ def uniform_stamps(t: Floats, x: Floats, noise: float) -> Floats | None:
     inner = np.flatnonzero((counts[:-1] == 1.0) & (counts[1:] == 1.0))
     if inner.size < _NEAR:
         return None
-    a, b, c = x[inner], x[inner + 1], x[inner + 2]
+    a = x[inner]
+    b = x[inner + 1]
+    c = x[inner + 2]
     share = steps[inner] / (steps[inner] + steps[inner + 1])
-    clock, stamps = np.abs(b - 0.5 * (a + c)), np.abs(b - (a + share * (c - a)))
+    clock = np.abs(b - 0.5 * (a + c))
+    stamps = np.abs(b - (a + share * (c - a)))
     # Where the motion is fast enough that a stamp matters.
     fast = np.abs(c - a) * size / dt > 4.0 * noise
     if np.count_nonzero(fast) < _NEAR or np.median(clock[fast]) > 0.7 * np.median(stamps[fast]):

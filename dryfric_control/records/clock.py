@@ -67,8 +67,7 @@ def even_clock(t: Floats) -> EvenClock | None:
     if t.ndim != 1 or t.size < _LEAST_STAMPS or not np.isfinite(t).all():
         return None
     steps = np.diff(t)
-    mean = float((t[-1] - t[0]) / (t.size - 1))
-    if steps.min() < 0.0 or mean <= 0.0 or np.abs(steps - mean).max() <= JITTER_LIMIT * mean:
+    if not _is_jittery(steps, float((t[-1] - t[0]) / (t.size - 1))):
         return None
     single = single_spacing(t)
     rounding = single or _decimal_spacing(t)
@@ -91,6 +90,13 @@ def even_clock(t: Floats) -> EvenClock | None:
         f"within {off:.2g} s, {lost or 'no'} sample{'s' * (lost != 1)} lost"
     )
     return EvenClock(t[0] + dt * numbers, note)
+
+
+def _is_jittery(steps: Floats, mean: float) -> bool:
+    """Whether steps that go forward differ from their mean by more than the limit."""
+    if steps.min() < 0.0 or mean <= 0.0:
+        return False
+    return not np.abs(steps - mean).max() <= JITTER_LIMIT * mean
 
 
 def _rounded_often(steps: Floats, rounding: float) -> bool:

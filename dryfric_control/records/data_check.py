@@ -244,6 +244,11 @@ def _messages(found: RecordCheck, record: Record) -> Iterator[str]:
             f"the noise of position is {_percent(found.noise / found.travel)} of the travel: "
             "velocity and acceleration are coarse"
         )
+    yield from _motion_messages(found)
+
+
+def _motion_messages(found: RecordCheck) -> Iterator[str]:
+    """What the motion does not show."""
     sliding = found.forwards + found.backwards
     if sliding < _SLIDING:
         yield f"moves for {_percent(sliding)} of the time only: shows little; drive it harder"

@@ -26,7 +26,8 @@ ONE_VELOCITY = 2.0
 
 def least_motion(record: Record) -> float:
     """Smallest way that quantum and noise of a record do not explain."""
-    steps, noise = _CODES * (record.quantum or 0.0), _DEVIATIONS * record.noise
+    steps = _CODES * (record.quantum or 0.0)
+    noise = _DEVIATIONS * record.noise
     return float(max(steps, noise, NEAR * record.range))
 
 

@@ -166,9 +166,11 @@ class Record(Saved):
             quantum = positive("quantum", quantum, zero=True)
         channels = checks.with_load(channels, load)
         found, made = checks.vectors(t, u, x, reference, channels)
-        notes, stored = checks.checked_notes(notes) + made, checks.checked_raw(raw)
+        notes = checks.checked_notes(notes) + made
+        stored = checks.checked_raw(raw)
         if x is None:
-            quantum, labels = 0.0, labels | position_unit(labels)
+            quantum = 0.0
+            labels = labels | position_unit(labels)
         dt = checks.uniform_step(found["t"])
         usable = usable_readings(good, found["x"].size)
         factor = stored.get("x", ("", 1.0))[1]
@@ -213,7 +215,7 @@ class Record(Saved):
     def _with_changes(self, note: str = "", **changes: Any) -> Record:
         """A record made from this one; a part of it may well stand still."""
         kept = self.__getstate__() | changes
-        return _made(kept | {"notes": kept["notes"] + (note,) * bool(note)})
+        return _assemble_record(kept | {"notes": kept["notes"] + (note,) * bool(note)})
 
     def _at_samples(self, pick: slice) -> dict[str, Any]:
         """What is left of the channels and the mask at some samples."""
@@ -408,7 +410,8 @@ class Record(Saved):
         t0, t1 : float, optional
             Limits [s] on the record's own time axis; open when left out.
         """
-        a, b = -math.inf if t0 is None else t0, math.inf if t1 is None else t1
+        a = -math.inf if t0 is None else t0
+        b = math.inf if t1 is None else t1
         for limit, value in (("t0", a), ("t1", b)):
             if not isinstance(value, (int, float, np.number)):
                 raise ValueError(f"{limit} must be a number in s, got {value!r}")
@@ -649,11 +652,12 @@ class Record(Saved):
         steps = checks.increasing_steps(tv)
         edges = [0, *(np.flatnonzero(steps > 1.5 * np.median(steps)) + 1).tolist(), tv.size]
         checks.check_motion(found["u"], found["x"])
-        labels, step = checks.checked_units(units), float(np.median(steps))
+        labels = checks.checked_units(units)
+        step = float(np.median(steps))
         quantum = checks.estimated_quantum(found["x"], 1.0)
         parts = {"dt": step, "units": labels, "name": name, "notes": (), "raw": {}}
         parts |= {"quantum": quantum, "masked": NONE}
-        whole = _made(_channels_apart(found) | parts)
+        whole = _assemble_record(_channels_apart(found) | parts)
         stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= checks.MIN_SAMPLES]
         if not stretches:
             raise ValueError(
@@ -909,7 +913,8 @@ class Record(Saved):
 
     def __repr__(self) -> str:
         title = f"{self.name!r}, " if self.name else ""
-        u, x = self._span("u", ".4g"), self._span("x", ".4g")
+        u = self._span("u", ".4g")
+        x = self._span("x", ".4g")
         return f"Record({title}{len(self)} samples, dt={self.dt:.6g} s, u {u}, x {x})"
 
     def _unit(self, role: str) -> str:
@@ -936,12 +941,12 @@ class Record(Saved):
         if axis is None:
             return check_record(self, self._known_units())
         # Here: estimation is made of records.
-        from dryfric_control.estimation.plausibility import doubts
+        from dryfric_control.estimation.plausibility import record_doubts
         from dryfric_control.model.axis import FrictionAxis
 
         instance("axis", axis, FrictionAxis)
         check_units(axis, self)
-        told = [doubt.message for doubt in doubts(axis, self)]
+        told = [doubt.message for doubt in record_doubts(axis, self)]
         return check_record(self, axis.units, told)
 
     def _known_units(self) -> tuple[str, str]:
@@ -1037,7 +1042,7 @@ def _channels_apart(arrays: Mapping[str, Floats]) -> dict[str, Any]:
     return own | {"channels": {name: arrays[name] for name in EXTRAS if name in arrays}}
 
 
-def _made(parts: Mapping[str, Any]) -> Record:
+def _assemble_record(parts: Mapping[str, Any]) -> Record:
     """A record of parts as they are."""
     record = object.__new__(Record)
     record.__setstate__(parts)

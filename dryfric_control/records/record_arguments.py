@@ -84,7 +84,8 @@ def _lacking_message(function: str, there: dict[str, Any]) -> str:
     alone = there.get("axis", there.get("record"))
     if "axis" in there and not isinstance(alone, (Record, str, os.PathLike, list, tuple)):
         return f'{function}(axis, record) lacks the record: dfc.{function}(axis, "run.csv")'
-    one, first = "record", "record[0]" if isinstance(alone, (list, tuple)) else "record"
+    one = "record"
+    first = "record[0]" if isinstance(alone, (list, tuple)) else "record"
     if isinstance(alone, (str, os.PathLike)):
         one = first = repr(os.fspath(alone))
     return (

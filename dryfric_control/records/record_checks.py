@@ -142,11 +142,7 @@ def vectors(
     t: Any, u: Any, x: Any, reference: Any, channels: Any = None, gaps: bool = False
 ) -> tuple[dict[str, Floats], tuple[str, ...]]:
     """Channels by name as vectors, and what was made up: no drive is 0, no x the integral of v."""
-    if channels is not None and not isinstance(channels, Mapping):
-        raise ValueError(f'channels must be a mapping such as {{"v": velocity}}, got {channels!r}')
-    for name in channels or {}:
-        if name not in EXTRAS:
-            raise ValueError(f"channels: {name!r} is none; known are {', '.join(EXTRAS)}")
+    _check_names(channels)
     tv = vector("t", t, gaps)
 
     def check_vector(name: str, values: Any) -> Floats:
@@ -172,6 +168,15 @@ def vectors(
     if tv.size < MIN_SAMPLES:
         raise ValueError(f"{tv.size} samples are too few; at least {MIN_SAMPLES} are needed")
     return found | more, notes
+
+
+def _check_names(channels: Any) -> None:
+    """Refuse channels that are no mapping, or have a name that no channel has."""
+    if channels is not None and not isinstance(channels, Mapping):
+        raise ValueError(f'channels must be a mapping such as {{"v": velocity}}, got {channels!r}')
+    for name in channels or {}:
+        if name not in EXTRAS:
+            raise ValueError(f"channels: {name!r} is none; known are {', '.join(EXTRAS)}")
 
 
 def with_load(channels: Any, load: Any) -> Any:
@@ -403,7 +408,8 @@ def _period(x: Floats, wraps: Ints, grid: float | None) -> float:
     steps = np.diff(x)
     inner = wraps[(wraps > 0) & (wraps < steps.size - 1)]
     wraps = inner if inner.size else wraps
-    before, after = steps[np.maximum(wraps - 1, 0)], steps[np.minimum(wraps + 1, steps.size - 1)]
+    before = steps[np.maximum(wraps - 1, 0)]
+    after = steps[np.minimum(wraps + 1, steps.size - 1)]
     if not inner.size:
         before = after = np.zeros(wraps.size)
     way = 0.5 * (before + after)
@@ -436,7 +442,8 @@ def unwrap_encoder(
     if period is None:
         return found
     x = found["x"]
-    period, grid = positive("unwrap", period), grid_of(x, factor)
+    period = positive("unwrap", period)
+    grid = grid_of(x, factor)
     steps = np.abs(np.diff(x))
     if np.mean(steps[steps > 0] > 0.5 * period) > 0.1:
         raise ValueError(
@@ -547,9 +554,11 @@ def clipped_samples(u: Floats, x: Floats) -> Bools:
         level = highest[np.argmax(within - np.arange(highest.size))] + spread
         inside = smooth >= level - _BAND * spread
         edges = np.flatnonzero(np.diff(inside, prepend=False, append=False))
-        starts, ends = edges[::2], edges[1::2]
+        starts = edges[::2]
+        ends = edges[1::2]
         long = (ends - starts >= _STAY) & (starts > (ends - starts) // 4)
-        starts, ends = starts[long], ends[long]
+        starts = starts[long]
+        ends = ends[long]
         if starts.size < _STAYS or not _runs_in(smooth, x, starts, ends, spread):
             return np.zeros(u.size, bool)
         for start, end in zip(starts, ends, strict=True):
@@ -594,7 +603,8 @@ def estimated_quantum(x: Floats, factor: float = 1.0) -> float | None:
     steps = np.abs(np.diff(x))
     gaps = np.diff(np.unique(x))
     least = max(64 * resolution, NEAR * float(np.ptp(x)))
-    steps, gaps = steps[steps > least], gaps[gaps > least]
+    steps = steps[steps > least]
+    gaps = gaps[gaps > least]
     repeated = gaps.size + 1 < x.size / 2
     if gaps.size == 0 or (not repeated and min(gaps.size, steps.size) < MIN_SAMPLES):
         return None

@@ -211,9 +211,11 @@ class Scaling:
         tail = {"v": "/s", "a": "/s^2"}.get(role, "")
         ratio = 1.0 if self.load_encoder else self.gear_ratio
         if not tail and unit in ("", "counts") and self.counts_per_turn is not None:
-            turn, raw = self.counts_per_turn, "counts"
+            turn = self.counts_per_turn
+            raw = "counts"
         elif unit == "rad" + tail and (ratio != 1.0 or self._travel is not None):
-            turn, raw = 2 * math.pi, unit
+            turn = 2 * math.pi
+            raw = unit
         else:
             return None
         if self._travel is None:

@@ -101,13 +101,15 @@ def elements(path: Path, raw: bytes, kind: str, first: str) -> list[Element]:
 def attributes_set(raw: bytes, at: int, values: Mapping[str, str]) -> Edit:
     """The start tag that begins at a byte, with attributes set."""
     match = _tag(raw, at)
-    missing, tag = dict(values), match[1]
+    missing = dict(values)
+    tag = match[1]
     for one in _ATTRIBUTE.finditer(match[2]):
         name = one[1].decode()
         if name in missing:
             # Quotation marks and blanks stay as they are.
             new = quote_attribute(missing.pop(name))[1:-1].replace("'", "&#39;").encode()
-            begin, end = one.start(2) - one.start() + 1, one.end(2) - one.start() - 1
+            begin = one.start(2) - one.start() + 1
+            end = one.end(2) - one.start() - 1
             tag += one[0][:begin] + new + one[0][end:]
         else:
             tag += one[0]

@@ -223,41 +223,54 @@ def _joint(name: str, result: Any) -> Joint:
     if isinstance(result, FrictionAxis):
         return Joint(result.effective())
     if isinstance(result, Fit):
-        names = [n for n in result.parameters if n != SHIFT]
-        at = [list(result.parameters).index(n) for n in names]
-        errors = np.array([result.standard_errors[n] for n in names])
-        correlation = result.correlation[np.ix_(at, at)]
-        with np.errstate(invalid="ignore"):
-            covariance = np.where(correlation == 0.0, 0.0, correlation * np.outer(errors, errors))
-        records = tuple(run.windows.record for run in result.training)
-        shift = result.parameters.get(SHIFT, 0.0)
-        return Joint(result.axis.effective(), records, tuple(names), covariance, shift)
+        return _fit_joint(result)
     if isinstance(result, Diagnosis):
-        known = {n: e for n, e in result.standard_errors.items() if n != SHIFT}
-        doubts = []
-        if result.verdict not in _USABLE:
-            doubts.append(f"the verdict of the diagnosis is {result.verdict!r}: read d.unexplained")
-        for cause in result.causes:
-            # A gain or all base parameters: under the recorded drive they are the same.
-            more = ["input_gain"] if cause.effect == _LOAD else []
-            others = [
-                one for one in dict.fromkeys([*cause.alternatives, *more])
-                if not {cause.effect, *one.split("+")} <= _SCALES
-            ]  # fmt: skip
-            if others:
-                words = " or ".join([cause.title, *map(titles_of, others)])
-                doubts.append(f"{words}: the record does not separate them, and the values differ")
-        return Joint(
-            result.extended.effective(),
-            (result.record, *result.others),
-            tuple(known),
-            np.diag(np.square([*known.values()])),
-            doubts=tuple(doubts),
-        )
+        return _diagnosis_joint(result)
     raise ValueError(
         f"{name} must be a Fit, a Diagnosis or a FrictionAxis, or a mapping of joints to such, got "
         f"{describe_value(result)}"
     )
+
+
+def _fit_joint(result: Fit) -> Joint:
+    """Joint of a fit, with its covariance."""
+    names = [n for n in result.parameters if n != SHIFT]
+    at = [list(result.parameters).index(n) for n in names]
+    errors = np.array([result.standard_errors[n] for n in names])
+    correlation = result.correlation[np.ix_(at, at)]
+    with np.errstate(invalid="ignore"):
+        covariance = np.where(correlation == 0.0, 0.0, correlation * np.outer(errors, errors))
+    records = tuple(run.windows.record for run in result.training)
+    shift = result.parameters.get(SHIFT, 0.0)
+    return Joint(result.axis.effective(), records, tuple(names), covariance, shift)
+
+
+def _diagnosis_joint(result: Diagnosis) -> Joint:
+    """Joint of a diagnosis, with its standard errors."""
+    known = {n: e for n, e in result.standard_errors.items() if n != SHIFT}
+    return Joint(
+        result.extended.effective(),
+        (result.record, *result.others),
+        tuple(known),
+        np.diag(np.square([*known.values()])),
+        doubts=tuple(_diagnosis_doubts(result)),
+    )
+
+
+def _diagnosis_doubts(result: Diagnosis) -> Iterator[str]:
+    """What of a diagnosis is not certain enough to be written to a model."""
+    if result.verdict not in _USABLE:
+        yield f"the verdict of the diagnosis is {result.verdict!r}: read d.unexplained"
+    for cause in result.causes:
+        # A gain or all base parameters: under the recorded drive they are the same.
+        more = ["input_gain"] if cause.effect == _LOAD else []
+        others = [
+            one for one in dict.fromkeys([*cause.alternatives, *more])
+            if not {cause.effect, *one.split("+")} <= _SCALES
+        ]  # fmt: skip
+        if others:
+            words = " or ".join([cause.title, *map(titles_of, others)])
+            yield f"{words}: the record does not separate them, and the values differ"
 
 
 def checked_loads(
@@ -288,6 +301,18 @@ def checked_loads(
     return loads
 
 
+def _check_velocities(velocities: ArrayLike | None) -> Floats | None:
+    """Velocities at which friction is fitted, as an array; None where the motion says them."""
+    if velocities is None:
+        return None
+    given = samples("velocities", velocities)
+    if not np.any(given):
+        raise ValueError(
+            f"velocities must hold velocities of sliding, got {describe_value(velocities)}"
+        )
+    return given
+
+
 def describe_joints(
     formats: Formats,
     joints: Mapping[str, Joint],
@@ -295,11 +320,7 @@ def describe_joints(
     loads: Mapping[str, float] | None = None,
 ) -> SimulatorValues:
     """Numbers of each joint in a format; `loads` are the inertias that its bodies bring."""
-    given = None if velocities is None else samples("velocities", velocities)
-    if given is not None and not np.any(given):
-        raise ValueError(
-            f"velocities must hold velocities of sliding, got {describe_value(velocities)}"
-        )
+    given = _check_velocities(velocities)
     messages = tuple(f"{name}: {one}" for name, joint in joints.items() for one in joint.doubts)
     made = SimulatorValues({}, {}, (), {}, {}, {}, messages, ())
     lost: list[Loss] = []
@@ -322,7 +343,8 @@ def describe_joints(
             words = "the drive is the recorded one: all values are divided by the gain"
             lost.append(Loss(name, f"input_gain: gain = {gain:.4g}", words, 0.0, recorded.units[1]))
         if form.armature and recorded.mass < load:
-            unit, words = recorded.unit("kg"), f"inertia {recorded.mass:.4g} "
+            unit = recorded.unit("kg")
+            words = f"inertia {recorded.mass:.4g} "
             instead = f"the bodies have {load:.4g} {unit} already"
             lost.append(Loss(name, words + unit, instead, load - recorded.mass, unit))
         if joint.records:
@@ -506,7 +528,8 @@ def _format_losses(
     coefficients, shape = _fit_format(form, axis, states)
     columns = form.columns(states.v, shape)
     friction, (length, force) = _friction(axis, states), axis.units
-    off, size = _rms(friction - columns @ coefficients), _rms(friction)
+    off = _rms(friction - columns @ coefficients)
+    size = _rms(friction)
     found = []
     for what, effect, without in _features(axis, states.x):
         if effect is not None and effect.slug in form.stated:

@@ -96,16 +96,12 @@ class Mjcf:
 
     def actuator_edits(self, found: Mapping[str, Mapping[str, Any]]) -> Iterator[Edit]:
         """Friction actuators set, put last among all, or taken out where there are none."""
-        there = {
-            tag.attributes.get("joint"): tag
-            for tag in self.tags
-            if tag.name == "dcmotor" and {"joint", "lugre"} <= tag.attributes.keys()
-            and tag.attributes.get("input") == "none" and tag.path[-1:] == ("actuator",)
-        }  # fmt: skip
+        there = {tag.attributes.get("joint"): tag for tag in self.tags if _is_friction(tag)}
         taken = {tag.attributes.get("name") for tag in self.tags if "actuator" in tag.path}
         new = []
         for joint, values in found.items():
-            bristles, old = mujoco_formats.has_bristles(values), there.get(joint)
+            bristles = mujoco_formats.has_bristles(values)
+            old = there.get(joint)
             if old is not None and bristles:
                 text = {"lugre": mujoco_formats.lugre_text(values)}
                 yield files.attributes_set(self.raw, old.at, text)
@@ -138,6 +134,13 @@ class Mjcf:
                 return files.attributes_set(self.raw, tag.at, values)
         words = " ".join(f'{n}="{v}"' for n, v in values.items())
         return files.child_added(self.raw, self.tags[0].at, f"<option {words}/>")
+
+
+def _is_friction(tag: Element) -> bool:
+    """Whether an element is an actuator that is the friction of a joint."""
+    if tag.name != "dcmotor" or tag.path[-1:] != ("actuator",):
+        return False
+    return {"joint", "lugre"} <= tag.attributes.keys() and tag.attributes.get("input") == "none"
 
 
 def kind_of(file: Mjcf, joint: str) -> str | None:

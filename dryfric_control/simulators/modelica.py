@@ -136,13 +136,16 @@ def to_modelica(
 def _find_components(raw: bytes, bare: bytes) -> Iterator[_Component]:
     """Components with friction of a file, `bare` of text and comments."""
     for kind in _TYPE.finditer(bare):
-        at, all_arrays = kind.end(), kind[2] is not None
+        at = kind.end()
+        all_arrays = kind[2] is not None
         if all_arrays:
             at = _ends(bare, at, len(bare), b"") + 1
         while name := _NAME.match(bare, at):
-            at, array = name.end(), all_arrays
+            at = name.end()
+            array = all_arrays
             if bare[at : at + 1] == b"[":
-                at, array = _ends(bare, at + 1, len(bare), b"") + 1, True
+                at = _ends(bare, at + 1, len(bare), b"") + 1
+                array = True
             behind = at if array and not all_arrays else name.end(1)
             at += len(bare[at:]) - len(bare[at:].lstrip())
             begin = end = 0
@@ -184,7 +187,8 @@ def _set(
     bare: bytes, component: _Component, modifier: re.Match[bytes], stop: int, value: str
 ) -> Edit:
     """One modifier, which ends before `stop`, with another value."""
-    name, at = modifier[2].decode(), modifier.end()
+    name = modifier[2].decode()
+    at = modifier.end()
     if bare[at : at + 1] == b"(":
         at = _ends(bare, at + 1, stop, b"") + 1
     equals = re.compile(rb"\s*=\s*").match(bare, at, stop)

@@ -87,12 +87,14 @@ def free_run_errors(model: Any, record: Record, shift: float) -> Floats:
 
 def is_stable(model: Any, values: Mapping[str, Any], mass: float) -> bool:
     """Whether bristles of a joint let it come to rest, or swing no further than it was struck."""
-    step, elastic = model.opt.timestep, values["frictionloss"] == 0.0
+    step = model.opt.timestep
+    elastic = values["frictionloss"] == 0.0
     level = values["lugre_coulomb"] if elastic else values["frictionloss"]
     if elastic:
         v0 = _SWING * level / math.sqrt(values["lugre_stiffness"] * mass)
         return _speed(model, v0, 0.0) <= _GROWTH * v0
-    rest, v0 = _REST * level * step / mass, _STRUCK * level * step / mass
+    rest = _REST * level * step / mass
+    v0 = _STRUCK * level * step / mass
     return all(_speed(model, v0, share * level) <= rest for share in _HELD)
 
 

@@ -172,7 +172,8 @@ def _in_file(
     formats = options.formats(stepping, alone)
     found = joint_values.describe_joints(formats, joints, velocities, loads)
     found = _stable(found, joints, velocities, loads, options, stepping)
-    edits, said = [], list(_override_notes(file, joints, there, names))
+    edits = []
+    said = list(_override_notes(file, joints, there, names))
     for name, values in found.values.items():
         stiffness = None
         if there is not None and file.has_springdamper(name):
@@ -306,7 +307,8 @@ def _with_bench(
         return replace(found, notes=notes)
     runs = dict(found.free_runs)
     for name in runs:
-        joint, values = joints[name], found.values[name]
+        joint = joints[name]
+        values = found.values[name]
         turning = joint.axis.units == engine.UNITS["hinge"]
         errors = []
         for record in joint.records:

@@ -142,7 +142,8 @@ def formats(stepping: Stepping, bristles: bool) -> Callable[[FrictionAxis], Sequ
 
 
 def _formats(stepping: Stepping, bristles: bool, axis: FrictionAxis) -> Sequence[Format]:
-    step, contact = stepping.timestep, None
+    step = stepping.timestep
+    contact = None
     for effect in axis.effects if bristles else ():
         if isinstance(effect, effects.Presliding):
             stiffness = contact_stiffness(effect, axis.coulomb.mean)

@@ -77,7 +77,8 @@ def inertias(model: Any, joints: Mapping[str, str] | Iterable[str]) -> dict[str,
     names = joints if isinstance(joints, Mapping) else {name: name for name in joints}
     for joint, name in names.items():
         at = int(model.joint(name).dofadr[0])
-        unit, answer = np.zeros(model.nv), np.zeros(model.nv)
+        unit = np.zeros(model.nv)
+        answer = np.zeros(model.nv)
         unit[at] = 1.0
         mujoco.mj_mulM(model, data, answer, unit)
         found[joint] = float(answer[at] - model.dof_armature[at])
@@ -109,7 +110,8 @@ def axes_of(path: str | os.PathLike[str]) -> dict[str, FrictionAxis]:
 
 def joint_numbers(model: Any, joint: str) -> dict[str, float]:
     """Numbers of a joint in a compiled model."""
-    at, number_of_joint = int(model.joint(joint).dofadr[0]), int(model.joint(joint).id)
+    at = int(model.joint(joint).dofadr[0])
+    number_of_joint = int(model.joint(joint).id)
     found = {
         "frictionloss": float(model.dof_frictionloss[at]),
         "damping": float(np.ravel(model.dof_damping[at])[0]),
@@ -127,11 +129,13 @@ def joint_numbers(model: Any, joint: str) -> dict[str, float]:
 
 def differences(model: Any, joint: str, values: Mapping[str, Any]) -> list[str]:
     """What of a joint is otherwise in a compiled model than it was written."""
-    there, said = joint_numbers(model, joint), []
+    there = joint_numbers(model, joint)
+    said = []
     expected = {"damping_quadratic": 0.0, "damping_cubic": 0.0} | dict(values)
     names = [n for n in expected if n in there or n in values]
     for name in names + [n for n in LUGRE if n in there and n not in values]:
-        wanted, found = expected.get(name, 0.0), there.get(name, 0.0)
+        wanted = expected.get(name, 0.0)
+        found = there.get(name, 0.0)
         if abs(found - wanted) > _WRITTEN * max(abs(wanted), abs(found)):
             said.append(f"{name} is {number(found)} in MuJoCo, and {number(wanted)} was written")
     said += _actuator_additions(model, int(model.joint(joint).id))

@@ -97,7 +97,8 @@ def to_simscape(
     found = joint_values.describe_joints(_SIMSCAPE, joints, velocities)
     lines = []
     for name, values in found.values.items():
-        block, names = _matlab_literal(name), _NAMES[joints[name].axis.units]
+        block = _matlab_literal(name)
+        names = _NAMES[joints[name].axis.units]
         for (parameter, unit), value in zip(names, map(number, values.values()), strict=True):
             words = f"{block}, '{parameter}', '{value}', '{parameter}_unit', '{unit}'"
             lines.append(f"set_param({words});\n")

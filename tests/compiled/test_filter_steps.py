@@ -17,7 +17,7 @@ def coarse(numbers, integers, force, h, x, v):
     """A sample from one velocity under one force."""
     plant = axis_step.point(numbers, integers)
     fall = -math.expm1(-plant.numbers[axis_step.STICK_RATE] * h)
-    return innovations._coarse(plant, axis_step.held_force(force), 0.0, h, x, v, 0.0, fall)
+    return innovations._coarse_step(plant, axis_step.held_force(force), 0.0, h, x, v, 0.0, fall)
 
 
 @njit(error_model="numpy")
@@ -45,7 +45,7 @@ def read(cov, at, variance):
 @njit(error_model="numpy")
 def turned(p, g, d):
     """A covariance with its states in the other order."""
-    return innovations._turned(p, g, d)
+    return innovations._swap_states(p, g, d)
 
 
 @pytest.mark.parametrize("h", (1e-4, 1e-3, 4e-3))

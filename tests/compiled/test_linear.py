@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dryfric_control.compiled.linear import Recursion, adjoint, play, respond
+from dryfric_control.compiled.linear import Recursion, adjoint, innovation_change, play
 
 N = 400
 
@@ -21,7 +21,7 @@ def recursion(request):
 
 def response(recursion, force, reading):
     out = np.empty((N, max(force.shape[1], reading.shape[1])))
-    respond(force, reading, recursion, out)
+    innovation_change(force, reading, recursion, out)
     return out
 
 

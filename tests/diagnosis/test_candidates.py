@@ -10,7 +10,7 @@ import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import is_within_records
 from dryfric_control.diagnosis.causes import cause_of, changing_cause, hardly_determined
 from dryfric_control.diagnosis.gram import Gram, Proposal
-from dryfric_control.diagnosis.invariants import impossible, unsound
+from dryfric_control.diagnosis.invariants import infeasible_reason, rejection_reason
 from dryfric_control.diagnosis.looks import ProposalFits
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.search import Model, Search
@@ -52,11 +52,11 @@ def sprung():
 
 
 def test_a_cause_is_sound_where_the_record_determines_it(sprung):
-    assert unsound(sprung, sprung.fit(SPRUNG, SPRING), "spring", SPRING) == ""
+    assert rejection_reason(sprung, sprung.fit(SPRUNG, SPRING), "spring", SPRING) == ""
     both = SPRUNG.replace(effects=(*SPRUNG.effects, dfc.effects.BiasForce(force=0.0)))
     fit = sprung.fit(both, (*SPRING, "bias_force.force"))
-    assert unsound(sprung, fit, "bias_force", ("bias_force.force",)) == "not determined"
-    assert unsound(sprung, fit, "gravity", ()) == "not in the model"
+    assert rejection_reason(sprung, fit, "bias_force", ("bias_force.force",)) == "not determined"
+    assert rejection_reason(sprung, fit, "gravity", ()) == "not in the model"
 
 
 def test_a_cause_acts_within_the_travel_of_the_record(sprung):
@@ -139,7 +139,7 @@ def test_nothing_is_left_of_an_axis_with_other_base_parameters_alone(
     scatter = noise * np.random.default_rng(5).standard_normal(t.size)
     x = 1e-6 * np.round(1e6 * machine.simulate(acts, dt=1e-3).y[0] + scatter)
     problem = Problem(AXIS, (prepare(dfc.Record(t, u, x)),))
-    assert problem.spent(problem.fit(AXIS)) == expected
+    assert problem.is_exhausted(problem.fit(AXIS)) == expected
 
 
 # -- a law explains a record only if it is the same throughout it ------------------------
@@ -178,7 +178,7 @@ def test_a_cause_that_acts_in_one_half_alone_is_the_same_throughout():
     x = 1e-6 * np.round(1e6 * SPRUNG.simulate(u, dt=1e-3).y[0])
     problem = Problem(AXIS, (prepare(dfc.Record(whole.t, u, x)),))
     search = Search(problem)
-    now = search.pruned(Model(problem.fit(SPRUNG, SPRING), ("spring",)))
+    now = search.eliminate_causes(Model(problem.fit(SPRUNG, SPRING), ("spring",)))
     assert now.causes == ("spring",)
     assert changing_cause(search, now, now.fit) == ""
 
@@ -193,7 +193,7 @@ def test_an_end_stop_has_travel_before_it(apart, reason):
     axis = AXIS.replace(effects=(ends,), travel=(-1.0, 1.0))
     problem = Problem(axis, (prepare(driven(SPRUNG)),))
     own = [f"end_stop.{n}" for n in ("low", "high", "stiffness")]
-    assert impossible(problem, problem.fit(axis, own, turns=0), "end_stop", own) == reason
+    assert infeasible_reason(problem, problem.fit(axis, own, turns=0), "end_stop", own) == reason
 
 
 def test_a_round_beside_an_explanation_is_not_that_of_the_model_alone():
@@ -229,7 +229,7 @@ def test_a_start_is_sought_where_the_strokes_are_fastest():
     x = np.where(slow, record.x / 3.0, record.x)
     whole = prepare(dfc.Record(record.t, record.u, x, units=record.units))
     problem = Problem(AXIS, (whole,))
-    (part,) = problem.lively
+    (part,) = problem.fast_stretches
     ((start, end),) = part.pieces
     assert start > 3900 and end - start < 4000
     assert part.active.sum() == end - start
@@ -242,7 +242,7 @@ def test_a_start_is_sought_where_the_strokes_are_fastest():
 
 def test_a_record_with_few_reversals_is_sought_as_a_whole():
     problem = Problem(AXIS, (prepare(driven(AXIS, 1.0)),))
-    assert problem.lively[0] is problem.runs[0]
+    assert problem.fast_stretches[0] is problem.runs[0]
 
 
 def test_one_effect_at_a_time_builds_friction_up():

@@ -17,7 +17,7 @@ from dryfric_control.identification import slow_ramp_experiment
 from dryfric_control.identification.stribeck import stick_phases
 from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.records.motion import directions
-from dryfric_control.ties import NEAR, above, samples, stable_order
+from dryfric_control.ties import NEAR, exceeds, samples, stable_order
 
 BASE = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, travel=(-1.0, 1.0))
 SLIPPING = BASE.replace(travel=(0.0, 0.1), stribeck=dfc.Stribeck(excess=0.3, speed=0.01))
@@ -61,8 +61,8 @@ def test_equal_numbers_keep_their_order_and_others_are_sorted():
 
 
 def test_only_what_exceeds_round_off_is_above():
-    assert above([0.3 * (1.0 + 1e-15), 0.3 * (1.0 + 3.0 * NEAR)], 0.3).tolist() == [False, True]
-    assert above([1e-300, -1.0], 0.0).tolist() == [True, False]
+    assert exceeds([0.3 * (1.0 + 1e-15), 0.3 * (1.0 + 3.0 * NEAR)], 0.3).tolist() == [False, True]
+    assert exceeds([1e-300, -1.0], 0.0).tolist() == [True, False]
 
 
 @pytest.mark.parametrize("dt", [0.004, 0.02, 0.1 / 3.0, 1e-3, 0.25 / 7.5])

@@ -160,9 +160,9 @@ def test_two_causes_give_way_to_one_that_acts_as_both(monkeypatch):
     causes = ("stribeck", "coulomb_asymmetry", "stribeck_asymmetry")
     fit = problem.fit(alike, [n for one in causes for n in own_names(one)])
     search = Search(problem)
-    now = search.pruned(Model(fit, causes))
+    now = search.eliminate_causes(Model(fit, causes))
     assert {*now.causes} == {*causes}
     search.round(now)
-    found = search.exchanged(now)
+    found = search.exchange_cause(now)
     assert {*found.causes} == {"stribeck", "bias_force"}
     assert found.fit.values()["bias_force.force"] == pytest.approx(1.0, abs=0.02)

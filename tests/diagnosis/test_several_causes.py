@@ -78,8 +78,8 @@ def test_causes_that_free_runs_show_only_beside_each_other_are_found():
         problem = Problem(believed(cases[0]), tuple(map(prepare, records)), windows=windows)
         search = Search(problem)
         joined = Model(problem.fit(axis, [n for one in hidden for n in own_names(one)]), hidden)
-        assert search.pruned(joined).causes == ("saturation",)
-        found = search.together(joined)
+        assert search.eliminate_causes(joined).causes == ("saturation",)
+        found = search.add_hidden_cause(joined)
     assert found is not None
     assert {*found.causes} == {*cases[0].truth}
 
@@ -91,10 +91,10 @@ def test_the_answer_is_the_likeliest_on_the_way(monkeypatch):
     with among("spring"):
         problem = Problem(believed(case), (prepare(record(case)),))
         search = Search(problem)
-        none, axis = Model(search.alone()), believed(case).replace(effects=(spring,))
-        one = search.pruned(Model(problem.fit(axis, own_names("spring")), ("spring",)))
-        monkeypatch.setattr(Search, "exchanged", lambda self, now: none)
-        monkeypatch.setattr(Search, "best", lambda self, now: None)
+        none, axis = Model(search.fit_nominal()), believed(case).replace(effects=(spring,))
+        one = search.eliminate_causes(Model(problem.fit(axis, own_names("spring")), ("spring",)))
+        monkeypatch.setattr(Search, "exchange_cause", lambda self, now: none)
+        monkeypatch.setattr(Search, "best_proposal", lambda self, now: None)
         assert search.run(one).causes == ("spring",)
 
 
@@ -114,8 +114,8 @@ def test_the_strongest_cause_gives_way_to_a_simpler_one_that_does_the_same():
         start = nominal.replace(effects=(dfc.effects.Cogging(1.0, 6.3, 0.3 + np.pi / 2), *weaker))
         fit = problem.fit(start, [n for one in chosen for n in own_names(one)])
         search = Search(problem)
-        assert search.best(Model(search.alone())) is not None
-        now = search.pruned(Model(fit, chosen))
+        assert search.best_proposal(Model(search.fit_nominal())) is not None
+        now = search.eliminate_causes(Model(fit, chosen))
         assert max(now.worth, key=now.worth.get) == "cogging"
-        assert search.best(now) is None
-        assert {*search.exchanged(now).causes} == {"gravity", *chosen[1:]}
+        assert search.best_proposal(now) is None
+        assert {*search.exchange_cause(now).causes} == {"gravity", *chosen[1:]}

@@ -10,7 +10,7 @@ from diagnosis_cases import among
 import dryfric_control as dfc
 from dryfric_control.estimation.plausibility import (
     check_plausible,
-    doubts,
+    record_doubts,
     warn_if_implausible,
 )
 
@@ -56,7 +56,7 @@ def test_a_motion_far_beyond_its_drive_is_told():
         warn_if_implausible(axis, far)
     with pytest.warns(dfc.RecordWarning, match=r"most 0.0102 N and moves an axis .* least 8 N"):
         warn_if_implausible(axis, weak)
-    assert not any(doubt.proof for doubt in (*doubts(axis, far), *doubts(axis, weak)))
+    assert not any(doubt.proof for doubt in (*record_doubts(axis, far), *record_doubts(axis, weak)))
     scaled = axis.replace(effects=dfc.effects.InputGain(1e3))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -132,8 +132,8 @@ def test_what_brakes_a_weight_on_its_way_down_has_the_right_sign():
     x = np.cumsum(v) * 1e-3
     u = 2.0 * np.gradient(v, 1e-3) + 15.0 * v - 8.0 + 60.0
     record = dfc.Record(T, u, x)
-    assert [doubt.proof for doubt in doubts(FREE, record)] == [""]
-    assert "takes energy out" in doubts(FREE, record)[0].message
+    assert [doubt.proof for doubt in record_doubts(FREE, record)] == [""]
+    assert "takes energy out" in record_doubts(FREE, record)[0].message
     assert dfc.axis_from(record).mass == pytest.approx(2.0, rel=0.05)
 
 

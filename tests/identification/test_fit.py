@@ -13,7 +13,7 @@ from diagnosis_cases import believed
 import dryfric_control as dfc
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.parameters import Scales, choose, typical, values_of, with_values
-from dryfric_control.estimation.windows import cut, shifted
+from dryfric_control.estimation.windows import cut, delay_input
 from dryfric_control.identification import FitWarning, fit, replay, replay_loop
 from dryfric_control.identification.identifiability import cannot_tell
 from dryfric_control.records import Record, read_record
@@ -70,7 +70,7 @@ def test_coarse_encoder_does_not_bias_the_inertia():
 @pytest.mark.parametrize("samples", [-0.5, 0.5])
 def test_input_recorded_half_a_sample_off(samples):
     case = truth.make_null(1, "short")
-    off = record_of(case, shifted(case.u, samples))
+    off = record_of(case, delay_input(case.u, samples))
     exact = fit(axis_of(case), record_of(case))
     plain = fit(axis_of(case), off)
     # Half a millisecond against motions of some 0.1 s: below 1 % even unknown.
@@ -162,7 +162,7 @@ def test_records_at_the_noise_of_the_readings_are_left_to_free_runs():
 
 def test_a_late_input_is_found_beside_a_random_force():
     case = truth.make_null(1, "short")
-    record = record_of(case, shifted(with_noise(case, 0.03), -2.0))
+    record = record_of(case, delay_input(with_noise(case, 0.03), -2.0))
     found = fit(axis_of(case), record, ("mass", "viscous", "coulomb", "input_shift"), starts=1)
     error = found.standard_errors["input_shift"]
     assert found.random_force[0] > 0.0

@@ -75,8 +75,17 @@ class Diagnosis(Saved, Result, Findings):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything found, ready for JSON."""
-        plain = ("gain", "unexplained", "remaining", "references", "varies", "next_experiment",
-                 "messages", "not_tried", "standard_errors")  # fmt: skip
+        plain = (
+            "gain",
+            "unexplained",
+            "remaining",
+            "references",
+            "varies",
+            "next_experiment",
+            "messages",
+            "not_tried",
+            "standard_errors",
+        )
         return {
             "verdict": self.verdict,
             "causes": [
@@ -119,7 +128,8 @@ class Diagnosis(Saved, Result, Findings):
             nominal = believed_values(self.axis, cause)
             others = ", ".join(map(titles_of, cause.alternatives)) or "none"
             for name, value in cause.parameters.items():
-                unit, error = cause.units[name], cause.standard_errors[name]
+                unit = cause.units[name]
+                error = cause.standard_errors[name]
                 before = Quantity(nominal[name], None, unit) if name in nominal else "none"
                 rows.append((cause.title, name, before, Quantity(value, error, unit), others))
         return format_table(("cause", "parameter", "nominal", "value", "alternatives"), rows, form)
@@ -164,7 +174,8 @@ def write_report(
     `record` is the table of the axis file that says how records are read.
     """
     # All but the last file is made before the first is written.
-    drawn, buffer = d.plot().figure, io.BytesIO()
+    drawn = d.plot().figure
+    buffer = io.BytesIO()
     try:
         drawn.savefig(buffer, format="png", dpi=130)
     finally:

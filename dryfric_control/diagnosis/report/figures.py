@@ -114,7 +114,7 @@ def _page(d: Findings) -> NDArray[Any]:
     # The page grows with the text: no line is lost.
     rows = text.count("\n") + 1
     names = wording.records_text(d)
-    words = (f"{names} \N{EN DASH} " if names else "") + wording.headline(d, most=2)
+    words = (f"{names} \N{EN DASH} " if names else "") + wording.verdict_line(d, most=2)
     heading = textwrap.wrap(words, 76, max_lines=2, placeholder=" ...")
     above = 0.08 + 0.25 * len(heading)
     head = 0.12 + above + 0.165 * rows
@@ -128,11 +128,13 @@ def _page(d: Findings) -> NDArray[Any]:
     title.text(0.0, 1.0, "\n".join(heading), fontsize=13, weight="bold", **style)
     title.text(0.0, 1.0 - above / head, text, fontsize=8.5, linespacing=1.25, **style)
     wide = [figure.add_subplot(grid[row]) for row in (1, 2)]
-    middle, bottom = grid[3].subgridspec(1, len(AGAINST)), grid[4].subgridspec(2, 2)
+    middle = grid[3].subgridspec(1, len(AGAINST))
+    bottom = grid[4].subgridspec(2, 2)
     forces: list[Any] = []
     for i in range(len(AGAINST)):
         forces.append(figure.add_subplot(middle[i], sharey=forces[0] if forces else None))
-    low = [figure.add_subplot(bottom[place]) for place in (np.s_[0, 0], np.s_[:, 1], np.s_[1, 0])]
+    places = (np.s_[0, 0], np.s_[:, 1], np.s_[1, 0])
+    low = [figure.add_subplot(bottom[place]) for place in places]
     for one in forces[1:]:
         one.tick_params(labelleft=False)
     return np.array([*wide, *forces, *low], dtype=object)
@@ -142,7 +144,8 @@ def draw_difference(
     d: Findings, before: Evidence, after: Evidence | None, ax: Any, nominal: bool = True
 ) -> None:
     """Simulated - measured position around a large error; with the causes alone on request."""
-    windows, record = before.windows, before.record
+    windows = before.windows
+    record = before.record
     # A typical large error: the very worst may be a single mistimed breakaway.
     order = np.argsort(before.error_by_window)
     worst = int(order[round(0.95 * (order.size - 1))])
@@ -224,9 +227,13 @@ def draw_errors(d: Findings, before: Evidence, after: Evidence | None, ax: Any) 
 
 
 def draw_residual(
-    before: Evidence, after: Evidence | None, by: str, ax: Any, labels: bool = True,
+    before: Evidence,
+    after: Evidence | None,
+    by: str,
+    ax: Any,
+    labels: bool = True,
     wide: bool = False,
-) -> None:  # fmt: skip
+) -> None:
     """Force residual against one of `AGAINST`; with `wide` the legend runs over the neighbours."""
     length, force = before.axis.units
     column, name_of_place = AGAINST[by]
@@ -274,7 +281,8 @@ def _fit_force(before: Evidence, ax: Any) -> None:
         seen.append(np.quantile(before.residual, [0.005, 0.995]))
     for one in ax.get_shared_y_axes().get_siblings(ax):
         seen += [np.asarray(li.get_ydata(), float) for li in one.lines if li.get_gid() == _MEDIAN]
-    low, high = float(np.min(np.concatenate(seen))), float(np.max(np.concatenate(seen)))
+    low = float(np.min(np.concatenate(seen)))
+    high = float(np.max(np.concatenate(seen)))
     room = 0.1 * max(high - low, 1e-12 * max(abs(high), abs(low), 1e-12))
     ax.set_ylim(low - room, high + room)
 
@@ -355,7 +363,8 @@ def _kinds(d: Findings) -> dict[str, str]:
 
 def _top(d: Findings) -> dict[str, float]:
     """The candidates that are drawn: the best ones, and those that are named."""
-    times, named = candidate_gains(d), _kinds(d)
+    times = candidate_gains(d)
+    named = _kinds(d)
     best = [slug for slug, value in times.items() if value >= MIN_EVIDENCE][:_BARS]
     return {slug: value for slug, value in times.items() if slug in best or slug in named}
 
@@ -382,7 +391,9 @@ def draw_candidates(d: Findings, ax: Any) -> None:
         ax.set_axis_off()
         return
     rank = {cause.effect: f"{i}. " for i, cause in enumerate(d.main_causes, start=1)}
-    kinds, named, times = _kinds(d), set(), _top(d)
+    kinds = _kinds(d)
+    named = set()
+    times = _top(d)
     for row, (slug, value) in enumerate(times.items()):
         if value < MIN_EVIDENCE:
             # Alone it does no better than other base parameters: no bar to the left,

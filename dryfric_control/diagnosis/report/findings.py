@@ -236,7 +236,8 @@ def kind_of(effect: str, parameter: str) -> str:
 
 def believed_values(axis: FrictionAxis, cause: Cause) -> dict[str, float]:
     """Nominal values of a cause's parameters; empty for a cause that is new to the axis."""
-    axis, owner = axis.effective(), "" if cause.effect in BASE else f"{cause.effect}."
+    axis = axis.effective()
+    owner = "" if cause.effect in BASE else f"{cause.effect}."
     if owner and not holds(axis, cause.effect):
         return {}
     values = values_of(axis, [f"{owner}{name}" for name in cause.parameters])
@@ -261,7 +262,8 @@ def with_error(value: float, error: float | None, unit: str = "1") -> str:
         digits = max(-last, 0)
         return f"{round(value, -last):.{digits}f} +- {round(error, -last):.{digits}f}{unit}"
     power = int(f"{size:.15e}".split("e")[1])
-    digits, scale = max(power - last, 0), 10.0**power
+    digits = max(power - last, 0)
+    scale = 10.0**power
     return f"({value / scale:.{digits}f} +- {error / scale:.{digits}f})e{power:+03d}{unit}"
 
 

@@ -64,14 +64,23 @@ def _axis_words(context: Any, value: Any) -> str:
 
 
 _TEMPLATES.filters |= {
-    "typeset": typeset_signs, "words": _axis_words, "titles": titles_of, "plain": plain_number,
-    "length": length_text, "html_table": lambda rows: Markup(table(rows, as_html=True)),
-}  # fmt: skip
+    "typeset": typeset_signs,
+    "words": _axis_words,
+    "titles": titles_of,
+    "plain": plain_number,
+    "length": length_text,
+    "html_table": lambda rows: Markup(table(rows, as_html=True)),
+}
 _TEMPLATES.globals |= {
-    "br": Markup("<br>"), "say": wording, "parameter_texts": parameter_texts,
-    "SMALL": SMALL, "MIN_EVIDENCE": MIN_EVIDENCE, "version": __version__, "figures": figures,
+    "br": Markup("<br>"),
+    "say": wording,
+    "parameter_texts": parameter_texts,
+    "SMALL": SMALL,
+    "MIN_EVIDENCE": MIN_EVIDENCE,
+    "version": __version__,
+    "figures": figures,
     "svg": _svg,
-}  # fmt: skip
+}
 
 
 def html_summary(d: Findings) -> str:
@@ -83,9 +92,8 @@ def html_page(d: Findings) -> str:
     """The whole report as one HTML page that needs no network."""
     before, after = figures.sides(d)
     sides = figures.shown_sides(before, after)
-    medians, rms = (
-        ", ".join(f"{text(side)} {name}" for side, _, name in sides) for text in (_median, _force)
-    )
+    medians = ", ".join(f"{_median(side)} {name}" for side, _, name in sides)
+    rms = ", ".join(f"{_force(side)} {name}" for side, _, name in sides)
     return _TEMPLATES.get_template("page.html").render(
         d=d,
         force=d.axis.units[1],
@@ -120,13 +128,17 @@ def _evidence_rows(d: Findings, before: Evidence, after: Evidence | None) -> lis
         "stick/slip mismatch *": lambda side: percent(side.stick_slip_mismatch),
     }
     head = (wording.shown_record(d) or "whole record", *(name for *_, name in sides))
-    return [head, *((name, *(text(side) for side, *_ in sides)) for name, text in rows.items())]
+    table = [head]
+    for name, text in rows.items():
+        table.append((name, *(text(side) for side, *_ in sides)))
+    return table
 
 
 def _acting_rows(d: Findings) -> list[tuple[str, ...]]:
     """Values that act in each direction, all effects included; beside those found, if any."""
     length, force = d.axis.units
-    believed, found = d.axis.effective(), d.extended.effective()
+    believed = d.axis.effective()
+    found = d.extended.effective()
     head = ("friction, effects included", "nominal", "with the causes", "change")
     cells: list[tuple[str, ...]] = [head]
 

@@ -77,9 +77,10 @@ def viscous_coefficient(axis: FrictionAxis, direction: int) -> float:
 def level_table(d: Findings, points: int = 3) -> dict[str, Any]:
     """Coulomb levels, by side and direction, at "x", positions over the range of the record."""
     x = np.linspace(float(d.record.x.min()), float(d.record.x.max()), points)
-    sides = (("believed", d.axis), ("found", d.extended))
-    table = {side: {way: levels(axis, x, s) for s, way in WAYS} for side, axis in sides}
-    return {"x": x.tolist(), **table}
+    table: dict[str, Any] = {"x": x.tolist()}
+    for side, axis in (("believed", d.axis), ("found", d.extended)):
+        table[side] = {way: levels(axis, x, s) for s, way in WAYS}
+    return table
 
 
 def level_varies(table: dict[str, Any], in_place: bool = False) -> bool:
@@ -107,7 +108,8 @@ def level_text(table: dict[str, Any], side: str, units: tuple[str, str]) -> str:
 
 def cause_meaning(d: Findings, cause: Cause) -> list[str]:
     """What a cause comes to in the axis, a line each; none where its parameters say it."""
-    lines, effect = [], d.extended.named_effects().get(cause.effect)
+    lines = []
+    effect = d.extended.named_effects().get(cause.effect)
     if effect is not None and effect.viscous_in(1) != 0.0:
         unit = d.axis.unit("N s/m")
         sides = []
@@ -256,7 +258,8 @@ def shown_causes(d: Findings) -> list[Cause]:
 
 def line_of(d: Findings, cause: Cause) -> str:
     """Cause, what it does over the record, parameters and alternatives in one line."""
-    text, course = cause_text(cause, d.axis), course_text(d, cause)
+    text = cause_text(cause, d.axis)
+    course = course_text(d, cause)
     if not course:
         return text
     title, _, parameters = text.partition(": ")
@@ -266,7 +269,7 @@ def line_of(d: Findings, cause: Cause) -> str:
 def summary_lines(d: Findings) -> list[str]:
     """Lines of a diagnosis' summary, as long as they are."""
     of = f" (of {records_text(d)})" if d.others else ""
-    lines = [f"verdict: {d.verdict if d.causes else headline(d)}{of}"]
+    lines = [f"verdict: {d.verdict if d.causes else verdict_line(d)}{of}"]
     lines += [f"warning: {one}" for one in far_off(d)]
     for i, cause in enumerate(shown_causes(d), start=1):
         lines.append(f"{i}. {line_of(d, cause)}")
@@ -289,7 +292,7 @@ def summary_lines(d: Findings) -> list[str]:
 def brief_lines(d: Findings) -> list[str]:
     """Verdict, causes with amounts, error before and after, and what to check: eight lines."""
     of = f" (of {records_text(d)})" if d.others else ""
-    lines = [f"verdict: {d.verdict if d.causes else headline(d)}{of}"]
+    lines = [f"verdict: {d.verdict if d.causes else verdict_line(d)}{of}"]
     lines += [f"warning: {one}" for one in far_off(d)][:_BRIEF_WARNINGS]
     shown = shown_causes(d)
     lines += [f"{i}. {line_of(d, one)}" for i, one in enumerate(shown[:_BRIEF_CAUSES], start=1)]
@@ -333,13 +336,14 @@ def further_lines(d: Findings) -> list[str]:
         lines.append(f"{head}: {changes}")
     for name, found in d.varies.items():
         values = ", ".join(map(with_error, found["values"], found["standard_errors"]))
-        least, most = min(found["values"], key=abs), max(found["values"], key=abs)
+        least = min(found["values"], key=abs)
+        most = max(found["values"], key=abs)
         ratio = f" (largest: {most / least:.3g} of the smallest)" if least * most > 0.0 else ""
         lines.append(f"differs from record to record: {name} = {values}{ratio}")
     return lines
 
 
-def headline(d: Findings, most: int | None = None) -> str:
+def verdict_line(d: Findings, most: int | None = None) -> str:
     """Verdict with the names of at most so many causes, the rest counted, in one line."""
     names = [cause.title or cause.effect for cause in d.main_causes]
     if not names:

@@ -136,13 +136,15 @@ def by_law(effect: EffectClass, view: View) -> Iterator[Column]:
     middle = {name: values[len(values) // 2] for name, values in grid.items()}
     linear = None
     for name, value in middle.items():
-        one, two = (added(effect, middle | {name: f * value}, view) for f in (1.0, 2.0))
+        one, two = (
+            effect_contribution(effect, middle | {name: f * value}, view) for f in (1.0, 2.0)
+        )
         if linear is None and np.any(one) and np.allclose(two, 2.0 * one, rtol=1e-6):
             linear, grid[name] = name, [value]
     low = {item.name: item.metadata["bounds"][0] for item in fields(effect)}
     for values in itertools.islice(itertools.product(*grid.values()), _MOST_SHAPES):
         given = dict(zip(grid, values, strict=True))
-        force = added(effect, given, view)
+        force = effect_contribution(effect, given, view)
         if not np.any(force) or not np.isfinite(force).all():
             yield simulated_column(**given)
             continue
@@ -160,7 +162,8 @@ def by_law(effect: EffectClass, view: View) -> Iterator[Column]:
 def _parts(item: Any, view: View) -> list[float]:
     """Values of one parameter to try: parts of what its kind and unit say."""
     low, high = item.metadata["bounds"]
-    default, neutral = item.default, item.metadata["neutral"]
+    default = item.default
+    neutral = item.metadata["neutral"]
     neutral = float(default if default is not MISSING else np.clip(neutral or 0.0, low, high))
     kind = item.metadata["kind"]
     if kind == "angle":
@@ -178,7 +181,7 @@ def _parts(item: Any, view: View) -> list[float]:
     return [float(np.clip(value, low, high)) for value in values]
 
 
-def added(effect: EffectClass, values: dict[str, float], view: View) -> Floats:
+def effect_contribution(effect: EffectClass, values: dict[str, float], view: View) -> Floats:
     """What an effect adds to the force on the axis or to its readings; zeros if it cannot."""
     bounds = {item.name: item.metadata["bounds"] for item in fields(effect)}
     none = np.zeros(view.x.size)

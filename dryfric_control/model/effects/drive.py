@@ -276,7 +276,8 @@ def input_corners(effects: Sequence[Effect]) -> list[float]:
     corners: list[float] = []
     for i, effect in enumerate(effects):
         # Where the laws before it give the inputs at which this one bends.
-        before, known = effects[:i], sorted(corners)
+        before = effects[:i]
+        known = sorted(corners)
         ends = [known[0] - 1.0, *known, known[-1] + 1.0] if known else [0.0, 1.0]
         values = [_map_input(before, u) for u in ends]
         for corner in effect.corners:
@@ -293,7 +294,8 @@ def _map_input(effects: Sequence[Effect], u: float) -> float:
 
 def _inputs_with(ends: list[float], values: list[float], wanted: float) -> list[float]:
     """Inputs with a value on a line of straight pieces, the outer ones without an end."""
-    found, last = [], len(ends) - 2
+    found = []
+    last = len(ends) - 2
     for k, (a, b, fa, fb) in enumerate(zip(ends, ends[1:], values, values[1:], strict=False)):
         if fa == fb:
             continue

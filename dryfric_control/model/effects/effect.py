@@ -313,7 +313,8 @@ class Effect:
     alter: ClassVar[Callable[..., Any]]
 
     def __init_subclass__(cls) -> None:
-        own, flags = vars(cls), {}
+        own = vars(cls)
+        flags = {}
         if "law" in own:
             read = read_by(own["law"])
             flags = {flag: not read.isdisjoint(names) for flag, names in _FLAGS.items()}
@@ -607,7 +608,8 @@ def largest_level(axis: BaseAxis) -> float:
 @functools.lru_cache(maxsize=1024)
 def slopes_by_law(effect: Effect, axis: BaseAxis, speed: float) -> Slopes:
     """Largest slopes of a law at many states of an axis, by differences."""
-    law, read = getattr(effect.law, "py_func", effect.law), read_by(effect.law)
+    law = getattr(effect.law, "py_func", effect.law)
+    read = read_by(effect.law)
     level, (low, high) = largest_level(axis), axis.travel or (-1.0, 1.0)
     rng = np.random.default_rng(0)
     sign = rng.choice([-1.0, 1.0], (3, _STATES))
@@ -683,14 +685,9 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     said = {name for one in cls.__mro__ if one is not Effect for name in vars(one)}
     if "slug" not in said:
         cls.slug = re.sub("(?<=[a-z])(?=[A-Z])", "_", own).lower()
-    slug = cls.slug
-    if not isinstance(slug, str) or not slug.isidentifier() or slug.rpartition("_")[2].isdecimal():
-        raise ValueError(f"{own}.slug must be a lower-case word, no number behind it, got {slug!r}")
+    _check_slug(cls)
     if cls.action not in ACTIONS:
         raise ValueError(f"{own}.action must be one of {ACTIONS}, got {cls.action!r}")
-    known = REGISTRY.get(slug)
-    if known is not None and known.__qualname__ != cls.__qualname__:
-        raise ValueError(f"slug {slug!r} belongs to {known.__name__}: choose another")
     method, needed = _METHODS[cls.action]
     found = getattr(cls, method, None)
     if not callable(found) or found is Effect.inner:
@@ -698,9 +695,21 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     _check_numbers(cls)
     _document_parameters(cls)
     if "title" not in said:
-        cls.title = slug.replace("_", " ")
-    REGISTRY[slug] = cls
+        cls.title = cls.slug.replace("_", " ")
+    REGISTRY[cls.slug] = cls
     return cls
+
+
+def _check_slug(cls: type[Effect]) -> None:
+    """Refuse a slug that is no word, or that of another effect."""
+    slug = cls.slug
+    if not isinstance(slug, str) or not slug.isidentifier() or slug.rpartition("_")[2].isdecimal():
+        raise ValueError(
+            f"{cls.__name__}.slug must be a lower-case word, no number behind it, got {slug!r}"
+        )
+    known = REGISTRY.get(slug)
+    if known is not None and known.__qualname__ != cls.__qualname__:
+        raise ValueError(f"slug {slug!r} belongs to {known.__name__}: choose another")
 
 
 def _document_parameters(cls: type[Effect]) -> None:

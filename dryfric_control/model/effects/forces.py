@@ -292,7 +292,8 @@ class EndStop(Effect):
 
     def bounds(self, box: Box) -> Interval:
         # Each stop pushes from its place on; where a damped one is met, its force jumps.
-        above, below = (box.x - self.high).clip(low=0.0), (self.low - box.x).clip(low=0.0)
+        above = (box.x - self.high).clip(low=0.0)
+        below = (self.low - box.x).clip(low=0.0)
         pushes = []
         for into, speed in ((above, box.v), (below, -box.v)):
             push = (self.stiffness * into + self.damping * speed).clip(low=0.0)
@@ -309,7 +310,8 @@ class EndStop(Effect):
     def columns(cls, view: View) -> Iterator[Column]:
         # A force may be steep: its place is searched from the ends of the travel inwards. A stop
         # that is not reached stays beyond them.
-        low, high = view.middle - 0.5 * view.span, view.middle + 0.5 * view.span
+        low = view.middle - 0.5 * view.span
+        high = view.middle + 0.5 * view.span
         for depth, sides in itertools.product(_DEPTHS, ((0, 1), (1, 0), (1, 1))):
             deep = [view.span * (depth if side else -_BEYOND) for side in sides]
             ends = low + deep[0], high - deep[1]

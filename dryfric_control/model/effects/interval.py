@@ -20,7 +20,8 @@ _BELL_SLOPE = math.sqrt(2.0 / math.e)
 
 def _product(a: ArrayLike, b: ArrayLike) -> Floats:
     """Product in which nothing times anything, infinity included, is nothing."""
-    a, b = np.asarray(a, float), np.asarray(b, float)
+    a = np.asarray(a, float)
+    b = np.asarray(b, float)
     with np.errstate(invalid="ignore", over="ignore"):
         return np.where((a == 0.0) | (b == 0.0), 0.0, a * b)
 
@@ -160,7 +161,8 @@ class Interval:
     def bell(self) -> Interval:
         """exp(-q^2) of its values q."""
         square = self.square()
-        low, high = np.exp(-square.high), np.exp(-square.low)
+        low = np.exp(-square.high)
+        high = np.exp(-square.low)
         return Interval(low, high, _product(_BELL_SLOPE, self.slopes))
 
     def where(self, possible: ArrayLike) -> Interval:
@@ -171,7 +173,8 @@ class Interval:
         possible : bool or ndarray
         """
         share = np.where(possible, 1.0, 0.0)
-        low, high = np.minimum(self.low, 0.0), np.maximum(self.high, 0.0)
+        low = np.minimum(self.low, 0.0)
+        high = np.maximum(self.high, 0.0)
         return Interval(low, high, self.slopes) * share
 
     def with_jump(self, name: str) -> Interval:
@@ -199,7 +202,8 @@ def _align_slopes(a: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 def _sine_bounds(angle: Interval) -> tuple[Floats, Floats]:
     """Least and largest sine."""
-    low, high = angle.low, angle.high
+    low = angle.low
+    high = angle.high
     turn = 2.0 * math.pi
     with np.errstate(invalid="ignore"):
         # Angles of the first crest and the first trough at or behind the lower end.

@@ -143,7 +143,8 @@ class PositionDependence(Effect):
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         # A parabola over position, about the middle of the travel.
-        q, level = view.x - view.middle, -view.direction * view.level * view.lift
+        q = view.x - view.middle
+        level = -view.direction * view.level * view.lift
 
         def values(c: Sequence[float]) -> dict[str, float]:
             return {"slope": float(c[0]), "curvature": float(c[1]), "centre": view.middle}

@@ -16,7 +16,8 @@ def class_of(name: str) -> type[Effect] | None:
 
 def title_of(name: str) -> str:
     """Effect in words by its name in an axis; the name itself if it is none."""
-    effect, number = class_of(name), _split(name)[1]
+    effect = class_of(name)
+    number = _split(name)[1]
     if effect is None:
         return name
     return effect.title if number == 1 else f"{effect.title} {number}"
@@ -68,7 +69,8 @@ def put(axis: Any, name: str, effect: Effect | None) -> Any:
     # An effect that is there keeps its place: a limit before a gain is not one behind it.
     cls = class_of(name)
     assert cls is not None
-    names, effects = _effect_names(axis), list(axis.effects)
+    names = _effect_names(axis)
+    effects = list(axis.effects)
     if cls.axis_field and cls.slug not in names:
         return axis.replace(**{cls.axis_field: None}) if effect is None else effect.alter(axis)
     place = names.index(name) if name in names else len(names)

@@ -71,7 +71,8 @@ class CanLog(MessageLog):
 
 def _check_objects(path: Path) -> None:
     """Refuse a BLF with an object shorter than its own head: the library would not get past it."""
-    content, packed = path.read_bytes(), b""
+    content = path.read_bytes()
+    packed = b""
     at = int.from_bytes(content[4:8], "little")
     while content[at : at + 4] == b"LOBJ":
         size = _object_size(content, at)
@@ -119,7 +120,8 @@ def _with_absolute_stamps(path: Path) -> io.StringIO:
     head = [line.lower() for line in lines[:20]]
     if not any("timestamps relative" in line for line in head):
         return io.StringIO("".join(lines))
-    total, out = 0.0, []
+    total = 0.0
+    out = []
     for line in lines:
         if found := _ASC_TIME.fullmatch(line):
             total += float(found[1])
@@ -207,7 +209,8 @@ def _fields(objects: Any, mapping: Any, signed: Any) -> Iterator[_Field]:
     first = 0
     for k in range(1, min(64, _value(mapping[0])) + 1):
         entry = _value(mapping[k])
-        index, bits = entry >> 16, entry & 0xFF
+        index = entry >> 16
+        bits = entry & 0xFF
         if index in _CIA402 and index in objects:
             kind = getattr(objects[index], "data_type", None)
             yield _Field(_CIA402[index], first, bits, kind in signed)

@@ -36,7 +36,9 @@ def _names(entry: str) -> tuple[str, ...]:
     if entry[0] != "<":
         return (entry,)
     kind, _, mark = entry.strip("<>").partition(" ")
-    stems, marks, close = _SAID["stems"][kind], _SAID["marks"].get(mark), _SAID["marks"]["joined"]
+    stems = _SAID["stems"][kind]
+    marks = _SAID["marks"].get(mark)
+    close = _SAID["marks"]["joined"]
     if marks is None:
         return tuple(stems)
     parted = (n for s in stems for m in marks for n in (f"{s}_{m}", f"{m}_{s}"))
@@ -103,8 +105,8 @@ def own_notes(meta: Any, damaged: str) -> dict[str, Any]:
         sound = (
             isinstance(notes, list)
             and all(isinstance(one, str) for one in said)
-            and all(type(f) is float and 0.0 < abs(f) < 1e100 for _, f in raw.values())
-            and (quantum is None or (type(quantum) is float and 0.0 <= quantum < 1e100))
+            and all(_is_factor(factor) for _, factor in raw.values())
+            and _is_quantum(quantum)
             and set(masked or ()) <= set(REASONS)
         )
     except (ValueError, KeyError, TypeError, AttributeError):
@@ -112,6 +114,16 @@ def own_notes(meta: Any, damaged: str) -> dict[str, Any]:
     if not sound:
         raise ValueError(f"{damaged} to read plain columns")
     return {"name": name, "quantum": quantum, "notes": tuple(notes), "raw": raw, "masked": masked}
+
+
+def _is_factor(value: Any) -> bool:
+    """Whether a value is a float that may convert a unit."""
+    return type(value) is float and 0.0 < abs(value) < 1e100
+
+
+def _is_quantum(value: Any) -> bool:
+    """Whether a value is the increment of an encoder, or None."""
+    return value is None or (type(value) is float and 0.0 <= value < 1e100)
 
 
 @lru_cache(maxsize=4096)
@@ -173,17 +185,21 @@ def _part(parts: list[str], k: int) -> tuple[str, str, str] | None:
     """Meaning of the k-th part of a name; what follows is the joint, or a number in it."""
     words = re.findall(r"[^\W\d_]+|\d+", normalize_heading(parts[k - 1]))
     numbers = [w for w in words if w.isdigit()]
-    if len(words) > 2 and words[1].isdigit() and words[0] in _SAID["stems"]["position"]:
-        words = words[2:]  # q3_tau: the torque of a joint that is called q3
-    following = [*words[1:], ""][: len(words)]  # M1: the first motor
-    words = [w for w, n in zip(words, following, strict=True) if w != "m" or not n.isdigit()]
-    words = _of_franka(words)
-    words = [w for w in words if not w.isdigit() and w not in _FILLING]
+    words = _stem_words(words)
     for stem in ("_".join(words), "_".join(words[1:] if set(words[:1]) & _PREFIXES else ())):
         if stem in _ROLES and _ROLES[stem] not in ("x2", "good"):
             before = [n for part in parts[: k - 1] for n in re.findall(r"\d+", part)]
             return _ROLES[stem], stem, ".".join(parts[k:] or numbers or before[-1:])
     return None
+
+
+def _stem_words(words: list[str]) -> list[str]:
+    """Words of a part of a name without the joint, numbers and filling words."""
+    if len(words) > 2 and words[1].isdigit() and words[0] in _SAID["stems"]["position"]:
+        words = words[2:]  # q3_tau: the torque of a joint that is called q3
+    following = [*words[1:], ""][: len(words)]  # M1: the first motor
+    words = [w for w, n in zip(words, following, strict=True) if w != "m" or not n.isdigit()]
+    return [w for w in _of_franka(words) if not w.isdigit() and w not in _FILLING]
 
 
 def _of_franka(words: list[str]) -> list[str]:
@@ -206,12 +222,11 @@ def _fits(role: str, unit: str) -> bool:
 def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> dict[str, int]:
     """Index of the column for each role, as the caller says or by usual names."""
     wanted = wanted or Wanted()
-    columns, timed = _checked_columns(wanted.columns), wanted.timed
+    columns = _checked_columns(wanted.columns)
+    timed = wanted.timed
     if not headings:
         raise ValueError(f"{where} holds no columns; at least t, u and x are needed")
-    names = [split_header(h)[0] for h in headings]
-    if wanted.joint is not None:
-        names = _of_joint(names, str(wanted.joint), where)
+    names = _column_names(headings, wanted.joint, where)
     if not columns and not any(headings):
         return _in_order(len(headings), where, timed)
     chosen = {
@@ -219,15 +234,31 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
         for role, column in columns.items()
         if column is not None or (role == "t" and timed)
     }
-    for role in [role for role in NAMES if role not in columns]:
+    for role in NAMES:
+        if role in columns:
+            continue
         found = _usual_columns(role, headings, names, chosen, timed)
         if len(found) > 1 and role in ROLES[:3]:
             raise _ambiguity_error(role, found, headings, names, where)
         if found:
             chosen[role] = found[0]
+    _check_roles(chosen, "u" not in columns, timed, headings, where)
+    return chosen
+
+
+def _column_names(headings: list[str], joint: str | int | None, where: str) -> list[str]:
+    """Names in headings; of a joint those of its columns without it, others empty."""
+    names = [split_header(h)[0] for h in headings]
+    return names if joint is None else _of_joint(names, str(joint), where)
+
+
+def _check_roles(
+    chosen: dict[str, int], driven: bool, timed: bool | None, headings: list[str], where: str
+) -> None:
+    """Refuse columns of which a role is missing, or one that has two roles."""
     for role, needed, none in (
         ("t", timed, "rate= [samples per s]"),
-        ("u", "u" not in columns, 'columns={"u": None} for a free motion'),
+        ("u", driven, 'columns={"u": None} for a free motion'),
         ("x", "v" not in chosen, "a column of velocity, v"),
     ):
         if needed and role not in chosen:
@@ -235,7 +266,6 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
     for a, b in itertools.combinations(chosen, 2):
         if chosen[a] == chosen[b]:
             raise ValueError(f"{where}: column {headings[chosen[a]]!r} serves as both {a} and {b}")
-    return chosen
 
 
 def _usual_columns(
@@ -272,10 +302,8 @@ def _may_be_guessed(role: str, timed: bool | None, names: list[str]) -> bool:
 def _columns_by_unit(role: str, headings: list[str], taken: set[int]) -> list[int]:
     """Columns that a letter of physics, or else a unit, shows to play a role."""
     parts = [split_header(heading) for heading in headings]
-    free = [k for k in range(len(headings)) if k not in taken and not parse_heading(parts[k][0])[0]]
-    free = [k for k in free if not _is_derived(parts[k][0])]
-    letters = [k for k in free if _SYMBOLS.get(parts[k][0].strip().casefold()) == role]
-    letters = [k for k in letters if _fits(role, parts[k][1])]
+    free = [k for k, (name, _) in enumerate(parts) if k not in taken and not _has_meaning(name)]
+    letters = [k for k in free if _is_symbol(role, *parts[k])]
     if letters:
         return letters
     units = {k: known_unit(parts[k][1]) if parts[k][1] else None for k in free}
@@ -284,6 +312,16 @@ def _columns_by_unit(role: str, headings: list[str], taken: set[int]) -> list[in
         if found:
             return found
     return []
+
+
+def _is_symbol(role: str, name: str, unit: str) -> bool:
+    """Whether a name is the letter of a channel, in a unit that this may be in."""
+    return _SYMBOLS.get(name.strip().casefold()) == role and _fits(role, unit)
+
+
+def _has_meaning(name: str) -> bool:
+    """Whether a heading names a channel, or what is derived of one."""
+    return bool(parse_heading(name)[0]) or _is_derived(name)
 
 
 def _ambiguity_error(
@@ -346,12 +384,12 @@ def _checked_columns(columns: Any) -> Mapping[str, str | int | None]:
         if role not in (*roles, "good"):
             raise ValueError(
                 f"columns: {role!r} is no role; the roles are {', '.join(roles)}"
-                + (_meant(role) or did_you_mean(str(role), roles))
+                + (_suggest_channel(role) or did_you_mean(str(role), roles))
             )
     return columns or {}
 
 
-def _meant(heading: Any) -> str:
+def _suggest_channel(heading: Any) -> str:
     """The channel that the heading of a column names, for the end of a message."""
     role = parse_heading(split_header(str(heading))[0])[0]
     return f". Did you mean {role!r}, the channel that {heading!r} is?" if role else ""
@@ -435,23 +473,30 @@ def _find_column(role: str, wanted: Any, headings: list[str], names: list[str], 
         return wanted % len(headings)
     if not isinstance(wanted, str):
         raise ValueError(f"columns[{role!r}] must be a name or an index, got {wanted!r}")
-    name = wanted.strip()
+    candidates = _find_heading(wanted.strip(), headings, names)
+    if len(candidates) > 1:
+        raise ValueError(
+            f"{where}: column {wanted!r} appears {len(candidates)} times; give its index, "
+            f"one of {candidates}"
+        )
+    if candidates:
+        return candidates[0]
+    raise ValueError(
+        f"columns[{role!r}] = {wanted!r} is not in {where}; available: {_list_headings(headings)}"
+        + did_you_mean(wanted, names)
+    )
+
+
+def _find_heading(name: str, headings: list[str], names: list[str]) -> list[int]:
+    """Columns of a heading, else of a name, else of a name in other letters."""
     for candidates in (
         [k for k, h in enumerate(headings) if h.strip() == name],
         [k for k, n in enumerate(names) if n == name],
         [k for k, n in enumerate(names) if n.lower() == name.lower()],
     ):
-        if len(candidates) > 1:
-            raise ValueError(
-                f"{where}: column {wanted!r} appears {len(candidates)} times; give its index, "
-                f"one of {candidates}"
-            )
         if candidates:
-            return candidates[0]
-    raise ValueError(
-        f"columns[{role!r}] = {wanted!r} is not in {where}; available: {_list_headings(headings)}"
-        + did_you_mean(wanted, names)
-    )
+            return candidates
+    return []
 
 
 def columns_by_name(role: str, names: list[str]) -> list[int]:
@@ -483,7 +528,8 @@ def units_by_role(units: Any) -> dict[str, Any]:
     for role in units or {}:
         if role not in ("t", "u", "x", *EXTRAS):
             raise ValueError(
-                f"units: {role!r} is no channel; the channels are t, u and x{_meant(role)}"
+                f"units: {role!r} is no channel; the channels are t, u and x"
+                + _suggest_channel(role)
             )
     return dict(units or {})
 
@@ -497,11 +543,15 @@ def to_si(found: Channels, gain: Gain, declared: Any = None) -> Channels:
             raise ValueError(
                 f"gain: {found.where} has no channel {key!r}; it has {', '.join(found.values)}"
             )
-    values, units, notes, raw = dict(found.values), {}, [*found.notes], dict(found.raw)
+    values = dict(found.values)
+    units = {}
+    notes = [*found.notes]
+    raw = dict(found.raw)
     quantum = found.quantum
     for role in values:
         key = "x" if role == "reference" else role
-        unit, said = found.units.get(role, ""), said_units.get(key, "")
+        unit = found.units.get(role, "")
+        said = said_units.get(key, "")
         factor, unit, si, done = _conversion(role, unit, said, scaling, found.where)
         notes += done
         if factor != 1:
@@ -526,30 +576,61 @@ def _conversion(
 ) -> tuple[float, str, str, list[str]]:
     """Factor of a channel, its raw unit and that of the product, and what to note of it."""
     own = scaling.gain.get("x" if role == "reference" else role)
-    notes = []
-    if said and own is None and unit and known_unit(unit) is None:
-        notes.append(f"{role} is in {said}, as stated, not in {unit!r}")
-        unit = ""
-    turned = own == -1.0 and said in ("", unit)  # a sign that is turned keeps the unit
-    factor, si = si_unit(role, unit) if unit and (own is None or turned) else (1.0, "")
-    if own is not None:
-        if not turned:
-            _check_gain(role, unit, said, own, where)
-        factor *= own
-        per = f" per {unit}" if unit and not turned else ""
-        notes.append(f"{role} multiplied by gain {own:g}{per}")
-    if said and not turned:
-        more, said_si = si_unit(role, said)
-        if si and (si, factor) != (said_si, more):
-            raise ValueError(f"{where} gives {role} in {unit!r}, units= says {said!r}; omit one")
-        factor, si = (factor if si else factor * more), said_si
-        unit = unit or (said if own is None else "")
-    if own is None and (found := scaling.conversion(role, si)):
-        factor, unit, si = factor * found.factor, unit or found.raw, found.unit
+    factor, unit, si, notes = _unit_conversion(role, unit, said, own, where)
+    found = scaling.conversion(role, si) if own is None else None
+    if found:
+        factor *= found.factor
+        unit = unit or found.raw
+        si = found.unit
         notes.append(f"{role} converted from {unit} to {si} with factor {factor:.6g}")
     elif factor not in (1.0, own):
         notes.append(f"{role} converted from {unit or said} to {si or 'SI'}")
     return factor, unit, si, notes
+
+
+def _unit_conversion(
+    role: str, unit: str, said: str, own: float | None, where: str
+) -> tuple[float, str, str, list[str]]:
+    """As `_conversion`, by the unit of the heading, the stated one and the gain `own` alone."""
+    notes = []
+    if said and own is None and _is_unknown(unit):
+        notes.append(f"{role} is in {said}, as stated, not in {unit!r}")
+        unit = ""
+    turned = own == -1.0 and said in ("", unit)  # a sign that is turned keeps the unit
+    factor = 1.0
+    si = ""
+    if unit and (own is None or turned):
+        factor, si = si_unit(role, unit)
+    if own is not None:
+        per = ""
+        if not turned:
+            _check_gain(role, unit, said, own, where)
+            per = f" per {unit}" if unit else ""
+        factor *= own
+        notes.append(f"{role} multiplied by gain {own:g}{per}")
+    if said and not turned:
+        factor, si = _stated_conversion(role, unit, said, (factor, si), where)
+        if not unit and own is None:
+            unit = said
+    return factor, unit, si, notes
+
+
+def _is_unknown(unit: str) -> bool:
+    """Whether a heading has a unit that is not known."""
+    return bool(unit) and known_unit(unit) is None
+
+
+def _stated_conversion(
+    role: str, unit: str, said: str, stored: tuple[float, str], where: str
+) -> tuple[float, str]:
+    """Factor and unit of a channel in the unit `said`; `stored`: those by its heading."""
+    factor, si = stored
+    more, said_si = si_unit(role, said)
+    if not si:
+        return factor * more, said_si
+    if (si, factor) != (said_si, more):
+        raise ValueError(f"{where} gives {role} in {unit!r}, units= says {said!r}; omit one")
+    return factor, said_si
 
 
 def _check_gain(role: str, unit: str, said: str, own: float, where: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dryfric_control.arrays import Bools, Floats
 from dryfric_control.records.readers.channels import Channels
-from dryfric_control.records.staircase import find_staircase
+from dryfric_control.records.staircase import Staircase, find_staircase
 from dryfric_control.units import si_unit
 
 # Part of the step of the position that the step of an input may be shorter before it is averaged.
@@ -31,6 +31,10 @@ class _Readings(NamedTuple):
     def step(self) -> float:
         return float(np.median(np.diff(self.stamps))) if len(self.stamps) > 1 else np.inf
 
+    def covers(self, grid: Floats) -> bool:
+        """Whether stamps on a grid lie within those of the channel."""
+        return bool(self.stamps[0] <= grid[0] and grid[-1] <= self.stamps[-1] + self.step)
+
 
 def with_own_clocks(found: Channels, hold: str) -> Channels:
     """Channels of a table that joins several rates, each with the stamps of its own rows."""
@@ -43,16 +47,22 @@ def with_own_clocks(found: Channels, hold: str) -> Channels:
     clocks: dict[str, Any] = {}
     if sparse and all(there[role].sum() >= _LEAST for role in sparse):
         clocks = dict.fromkeys(arrays, t)
-    elif hold == "first" and "u" in arrays and there["u"].all() and t.size > 1:
+    elif hold == "first" and (steps := _input_staircase(arrays)) is not None:
         # The rows on which a held input changes are those on which it was read.
-        steps = find_staircase(arrays["u"].astype(np.float64), 0.0)
-        if steps is not None:
-            clocks = dict.fromkeys(arrays, t)
-            clocks["u"] = np.interp(steps.reads, np.arange(t.size), t.astype(np.float64))
-            arrays["u"] = arrays["u"][steps.changes]
+        clocks = dict.fromkeys(arrays, t)
+        clocks["u"] = np.interp(steps.reads, np.arange(t.size), t.astype(np.float64))
+        arrays["u"] = arrays["u"][steps.changes]
     if not clocks:
         return found
     return replace(found, values=arrays, clocks=clocks)
+
+
+def _input_staircase(arrays: Mapping[str, Any]) -> Staircase | None:
+    """Staircase of an input without gaps, if it is one."""
+    u = arrays.get("u")
+    if u is None or u.size < 2 or not np.isfinite(u).all():
+        return None
+    return find_staircase(u.astype(np.float64), 0.0)
 
 
 def _is_table(t: Any, columns: Iterable[Any]) -> bool:
@@ -78,9 +88,9 @@ def on_position_clock(found: Channels, hold: str, needed: tuple[str, ...] = ()) 
         role: _sort_readings(found.clocks[role], values, origin)
         for role, values in found.values.items()
     }
-    if any(len(one.stamps) < 2 for one in read.values()):
-        short = next(role for role, one in read.items() if len(one.stamps) < 2)
-        raise ValueError(f"{found.where}: {short} has fewer than two numbers")
+    for role, one in read.items():
+        if len(one.stamps) < 2:
+            raise ValueError(f"{found.where}: {role} has fewer than two numbers")
     clock = read[base].stamps
     unit = found.units.get("t", "") or "s"
     factor = si_unit("t", unit)[0]
@@ -92,9 +102,10 @@ def on_position_clock(found: Channels, hold: str, needed: tuple[str, ...] = ()) 
     for role, one in read.items():
         if role == base or np.array_equal(one.stamps, clock):
             values[role] = one.values[inside]
-        elif role in must or (one.stamps[0] <= grid[0] and grid[-1] <= one.stamps[-1] + one.step):
+        elif role in must or one.covers(grid):
             values[role], how = _resample_channel(role, one, grid, hold)
-            own, its = (f"{1e3 * factor * readings.step:.4g} ms" for readings in (one, read[base]))
+            own = f"{1e3 * factor * one.step:.4g} ms"
+            its = f"{1e3 * factor * read[base].step:.4g} ms"
             notes.append(f"{role}, read every {own}, {how} onto the clock of {base}, every {its}")
     if lost := int((~inside).sum()):
         notes.append(f"{lost} readings of {base} left out: before or after the other channels")
@@ -134,9 +145,11 @@ def _sort_readings(stamps: Any, values: Any, origin: int | float) -> _Readings:
     there = np.isfinite(since)
     if array.dtype.kind == "f":
         there &= np.isfinite(array)
-    since, array = since[there], array[there]
+    since = since[there]
+    array = array[there]
     order = np.argsort(since, kind="stable")
-    since, array = since[order], array[order]
+    since = since[order]
+    array = array[order]
     first = np.diff(since, prepend=-np.inf) > 0.0
     return _Readings(since[first], array[first])
 

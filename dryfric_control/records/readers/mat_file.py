@@ -110,7 +110,8 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
     at = 0
     while at < len(data):
         head, size = struct.unpack_from(order + "II", data, at)
-        start, step = at + 8, 8 + (size if head == _COMPRESSED else -(-size // 8) * 8)
+        start = at + 8
+        step = 8 + (size if head == _COMPRESSED else -(-size // 8) * 8)
         if head >> 16:  # small element: size and content within the tag
             head, size, start, step = head & 0xFFFF, head >> 16, at + 4, 8
         if start + size > min(at + step, len(data)):

@@ -42,7 +42,8 @@ def read_as(
         return _read(record, source, columns, gain, **options)
     except RefusalError as problem:
         said = str(problem)
-        reasons, mend = [said], problem.mend
+        reasons = [said]
+        mend = problem.mend
     given = {"columns": columns, **options}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -86,14 +87,14 @@ def _read(
     """A record from a source, or the first reason against it."""
     _check_options(dt, rate, max_gap, hold, database)
     step = _stated_step(dt, rate)
-    timed = False if rate is not None else None if dt is not None else True
+    timed = _needs_time(dt, rate)
     wanted = Wanted(columns, joint, timed, step is not None, max_rows, hold, database)
     found = _on_even_clock(read_channels(source, wanted, gain, units, step))
     values: dict[str, Any] = {"u": None, "x": None, **found.values}
     if found.lacking and not wanted.lenient:
         raise RefusalError(found.lacking, dt=_usual_step(values["t"]))
     if values["x"] is None and "x" not in (columns or {}):
-        warn(f"{found.name or 'the source'} has no position: it is the integral of the velocity")
+        _warn_of_integral(found)
     options = {**_record_options(found, values, name), "unwrap": unwrap}
     try:
         gaps = step is not None and any(map(_has_gaps, values.values()))
@@ -123,6 +124,17 @@ def _check_options(
     one_of("hold", hold, ("zero", "first"))
     if database is not None and not isinstance(database, (str, os.PathLike, list, tuple)):
         raise ValueError(f"database must be the path of a DBC or an EDS, got {database!r}")
+
+
+def _warn_of_integral(found: Channels) -> None:
+    warn(f"{found.name or 'the source'} has no position: it is the integral of the velocity")
+
+
+def _needs_time(dt: float | None, rate: float | None) -> bool | None:
+    """Whether a source must have a column of time; None where it may have one."""
+    if rate is not None:
+        return False
+    return True if dt is None else None
 
 
 def _stated_step(dt: float | None, rate: float | None) -> float | None:

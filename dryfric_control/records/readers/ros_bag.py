@@ -48,7 +48,8 @@ def _check_sizes(path: Path) -> None:
     (https://wiki.ros.org/Bags/Format/2.0).
     """
     size = path.stat().st_size
-    places, wanted = {size}, set()
+    places = {size}
+    wanted = set()
     with path.open("rb") as file:
         file.readline()
         while (place := file.tell()) < size:

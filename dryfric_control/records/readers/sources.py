@@ -42,28 +42,14 @@ def read_channels(
     most = wanted.max_rows
     if isinstance(most, bool) or not isinstance(most, int) or most < 1:
         raise ValueError(f"max_rows must be a positive whole number, got {most!r}")
-    if isinstance(source, (str, os.PathLike)):
-        found = _of_file(_bag_or_file(source), wanted)
-    elif isinstance(source, Mapping):
-        table = _with_files({str(k): v for k, v in source.items()}, most)
-        found = _select_columns(table, Channels("the mapping"), wanted)
-    elif _is_frame(source):
-        kept = Channels("the data frame")
-        if (meta := getattr(source, "attrs", {}).get("dryfric_control")) is not None:
-            damaged = "the data frame: attrs['dryfric_control'] is damaged; remove it"
-            kept = replace(kept, **channels.own_notes(meta, damaged))
-        found = _select_columns(frame_columns(source), kept, wanted, listed=not kept.raw)
-    else:
-        raise ValueError(
-            "source must be a path, a data frame or a mapping of arrays, got "
-            + describe_value(source)
-        )
+    found = _stored_channels(source, wanted)
     found = with_own_clocks(_with_unit_of_time(found, units), wanted.hold)
     if found.clocks:
         found = replace(found, lacking="")
     asked = tuple(role for role, column in (wanted.columns or {}).items() if column is not None)
     found = on_position_clock(found, wanted.hold, asked)
-    values, notes = found.values, found.notes
+    values = found.values
+    notes = found.notes
     own_time = "t" in values
     if own_time and wanted.timed is False:
         raise ValueError(
@@ -76,6 +62,24 @@ def read_channels(
     values, counted = _from_first(values)
     found = replace(found, values=values, notes=notes + counted, timed=own_time)
     return channels.to_si(found, gain, units)
+
+
+def _stored_channels(source: Any, wanted: Wanted) -> Channels:
+    """Channels of a file, data frame or mapping as it stores them."""
+    if isinstance(source, (str, os.PathLike)):
+        return _of_file(_bag_or_file(source), wanted)
+    if isinstance(source, Mapping):
+        table = _with_files({str(k): v for k, v in source.items()}, wanted.max_rows)
+        return _select_columns(table, Channels("the mapping"), wanted)
+    if _is_frame(source):
+        kept = Channels("the data frame")
+        if (meta := getattr(source, "attrs", {}).get("dryfric_control")) is not None:
+            damaged = "the data frame: attrs['dryfric_control'] is damaged; remove it"
+            kept = replace(kept, **channels.own_notes(meta, damaged))
+        return _select_columns(frame_columns(source), kept, wanted, listed=not kept.raw)
+    raise ValueError(
+        "source must be a path, a data frame or a mapping of arrays, got " + describe_value(source)
+    )
 
 
 def _of_file(path: Path, wanted: Wanted) -> Channels:
@@ -121,7 +125,8 @@ def _select_columns(
     table: Mapping[str, Any], start: Channels, wanted: Wanted, listed: bool = False
 ) -> Channels:
     """The columns of a table that play a role; if listed, the others are noted."""
-    headings, named = list(table), wanted.columns or {}
+    headings = list(table)
+    named = wanted.columns or {}
     unnamed = all(h.isdigit() for h in headings)  # columns of an array
     known = [""] * len(headings) if unnamed else headings
     if isinstance(table, LogFile):
@@ -136,11 +141,9 @@ def _select_columns(
         if role == "t" and (seconds := _as_seconds(array)) is not None:
             values[role], units[role] = seconds, "s"
     notes = start.notes
-    gtau = np.ravel(table.get("gtau", ()))
-    played = [headings[chosen[role]] for role in ("u", "x") if role in chosen]
     # The EMPS layout, unless the caller names the input himself.
-    if played == ["vir", "qm"] and "u" not in named and gtau.size == 1 and gtau.dtype.kind in "iuf":
-        factor = float(gtau[0])
+    factor = None if "u" in named else _emps_gain(table, headings, chosen)
+    if factor is not None:
         values["u"] = channels.scale_values(values["u"], factor)
         usual = {"t": "s", "u": "N", "x": "m", "reference": "m"}
         units = {role: usual.get(role, unit) for role, unit in units.items()}
@@ -149,6 +152,16 @@ def _select_columns(
         notes += channels.left_out(headings, chosen)
     notes += channels.guess_notes(known, chosen, wanted)
     return replace(start, values=values, units=units, notes=notes)
+
+
+def _emps_gain(
+    table: Mapping[str, Any], headings: list[str], chosen: dict[str, int]
+) -> float | None:
+    """Drive gain of a table in the EMPS layout [N/V], None of any other."""
+    if [headings[chosen[role]] for role in ("u", "x") if role in chosen] != ["vir", "qm"]:
+        return None
+    gtau = np.ravel(table.get("gtau", ()))
+    return float(gtau[0]) if gtau.size == 1 and gtau.dtype.kind in "iuf" else None
 
 
 def _drop_unusable(
@@ -163,27 +176,21 @@ def _drop_unusable(
 
 def _select_log_channels(log: LogFile, start: Channels, wanted: Wanted) -> Channels:
     """Chosen channels of a log, each with its own clock."""
-    headings, named = log.headings, wanted.columns or {}
+    headings = log.headings
+    named = wanted.columns or {}
     # Each channel has a clock; a channel of time is one only where the caller says so.
     untimed = wanted._replace(timed=None, columns={"t": None, **named})
     chosen = channels.assign_columns(headings, untimed, start.where)
     own = chosen.pop("t", None)
     found: dict[str, Channel] = {role: log[headings[k]] for role, k in chosen.items()}
-    for role in [role for role in found if role in (*channels.EXTRAS, "good")]:
-        if role not in named and (role == "good" or len(found[role].values) < 2):
-            del found[role], chosen[role]
+    found = {role: one for role, one in found.items() if role in named or _is_usable(role, one)}
+    chosen = {role: chosen[role] for role in found}
     sent = all(one.sent is not None for one in found.values())
     clocks = {role: one.sent if sent else one.stamps for role, one in found.items()}
     units = {role: channels.split_header(headings[chosen[role]])[1] for role in found}
     units["t"] = "ns" if sent else next(iter(found.values())).unit
     if own is not None and "t" in named:
-        times = log[headings[own]]
-        if any(len(one.values) != len(times.values) for one in found.values()):
-            raise ValueError(
-                f"{start.where}: {headings[own]!r} is no time of the other channels, which were "
-                "not read with it: leave columns={'t': ...} out, each has a clock of its own"
-            )
-        clocks = dict.fromkeys(found, times.values)
+        clocks = dict.fromkeys(found, _common_time(log, headings[own], found, start.where))
         units["t"] = channels.split_header(headings[own])[1]
     values = {role: one.values for role, one in found.items()}
     notes = start.notes + channels.left_out(headings, chosen)
@@ -191,9 +198,28 @@ def _select_log_channels(log: LogFile, start: Channels, wanted: Wanted) -> Chann
     return replace(start, values=values, units=units, notes=notes, clocks=clocks)
 
 
+def _common_time(log: LogFile, heading: str, found: dict[str, Channel], where: str) -> Any:
+    """Values of a channel of a log that is the time of others, one for each of theirs."""
+    times = log[heading].values
+    if any(len(one.values) != len(times) for one in found.values()):
+        raise ValueError(
+            f"{where}: {heading!r} is no time of the other channels, which were "
+            "not read with it: leave columns={'t': ...} out, each has a clock of its own"
+        )
+    return times
+
+
+def _is_usable(role: str, channel: Channel) -> bool:
+    """Whether a channel of a log is one that is needed, or has values that vary."""
+    if role == "good":
+        return False
+    return role not in channels.EXTRAS or len(channel.values) > 1
+
+
 def _from_first(values: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Whole numbers too large for float64, counted from the first one."""
-    out, notes = dict(values), []
+    out = dict(values)
+    notes = []
     for role in ("t", "x", "x2"):
         array = np.asarray(values.get(role, ()))
         if array.dtype.kind not in "iu" or array.size == 0 or array.ndim != 1:

@@ -87,15 +87,21 @@ def numbers(
     elif isinstance(content, np.generic):
         yield from numbers(prefix, content.item(), depth + 1)
     else:
-        items = _fields(content)
-        names = items.get("name")
-        if not (isinstance(names, (list, tuple)) and all(isinstance(n, str) for n in names)):
-            names = ()
-        for key, value in items.items():
+        for key, value in _name_elements(_fields(content)).items():
             path = f"{prefix}.{key}" if prefix else str(key)
-            if names and isinstance(value, (Sequence, np.ndarray)) and len(value) == len(names):
-                value = dict(zip(names, value, strict=True))
             yield from numbers(path, value, depth + 1, empty)
+
+
+def _name_elements(items: dict[str, Any]) -> dict[str, Any]:
+    """Parts of a message, the elements of its arrays by the names that stand beside them."""
+    names = items.get("name")
+    if not (isinstance(names, (list, tuple)) and all(isinstance(n, str) for n in names)):
+        return items
+    found = dict(items)
+    for key, value in items.items():
+        if names and isinstance(value, (Sequence, np.ndarray)) and len(value) == len(names):
+            found[key] = dict(zip(names, value, strict=True))
+    return found
 
 
 def _fields(content: Any) -> dict[str, Any]:

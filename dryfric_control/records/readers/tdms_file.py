@@ -68,7 +68,8 @@ class TdmsFile(LogFile):
             self._clocks[heading] = None if timed else clock
 
     def _read_channel(self, heading: str) -> Channel:
-        one, clock = self._channels[heading], self._clocks[heading]
+        one = self._channels[heading]
+        clock = self._clocks[heading]
         if clock is None:
             return Channel(one[:], _sample_stamps(self._timings[one.path], len(one)))
         times = clock[:]

@@ -112,11 +112,7 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
                                                            strict=True)}  # fmt: skip
     values = {role: _column(data[k]) for role, k in text.chosen.items()}
     clocks = _separate_clocks(text, values, data)
-    for role in text.optional:
-        lenient = wanted.lenient or clocks or text.lacking
-        if not np.isfinite(values[role]).mean() > (0.8 if lenient else 1.0 - 1e-12):
-            del values[role], text.chosen[role]
-            clocks.pop(role, None)
+    _drop_sparse(text, values, clocks)
     units = {r: split_header(text.headings[k])[1] for r, k in text.chosen.items()}
     if text.dated:
         values["t"], units["t"] = _over_midnight(values["t"]), "ns"
@@ -131,6 +127,16 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
         lines, were = ("line", "was") if above == 2 else ("lines", "were")
         notes = (f"{above - 1} {lines} above the heading {were} skipped", *notes)
     return replace(start, notes=notes)
+
+
+def _drop_sparse(text: _Text, values: dict[str, _Array], clocks: dict[str, _Array]) -> None:
+    """Drop optional channels that lack more numbers than are bridged."""
+    for role in text.optional:
+        lenient = text.wanted.lenient or clocks or text.lacking
+        least = 0.8 if lenient else 1.0 - 1e-12
+        if not np.isfinite(values[role]).mean() > least:
+            del values[role], text.chosen[role]
+            clocks.pop(role, None)
 
 
 def _parse_chunks(text: _Text) -> tuple[list[list[_Array]], int]:
@@ -206,7 +212,8 @@ def _open(path: Path) -> IO[str]:
 
 def _content_lines(text: _Text) -> Iterator[tuple[int, str]]:
     """Lines of the content, and their numbers; comments above it go to the text."""
-    name, begun = text.name, False
+    name = text.name
+    begun = False
     try:
         with _open(text.path) as file:
             read = iter(functools.partial(file.readline, _LINE_LIMIT), "")
@@ -280,7 +287,8 @@ def _find_delimiter(text: _Text, lines: list[str]) -> int:
 
 def _check_column_count(text: _Text) -> None:
     """Refuse a file of fewer columns than a record needs."""
-    columns, timed = text.wanted.columns, text.wanted.timed
+    columns = text.wanted.columns
+    timed = text.wanted.timed
     needed = 2 if not timed or (isinstance(columns, dict) and None in columns.values()) else 3
     if len(text.headings) < needed:
         raise ValueError(
@@ -324,21 +332,25 @@ def _scope(text: _Text, rows: list[list[str]]) -> tuple[int, list[str], list[int
     if "Name" not in about or not _SCOPE_ROWS & set(about):
         return None
     names = rows[about["Name"]]
-    start = next((k for k in range(about["Name"], len(rows)) if _is_number(rows[k][0])), len(rows))
+    start = about["Name"]
+    while start < len(rows) and not _is_number(rows[start][0]):
+        start += 1
     clocks = [k for k, name in enumerate(names) if name == "Name"]
 
     def cell_of(row: str, k: int) -> str:
         cells = rows[about[row]] if row in about else []
         return cells[k] if k < len(cells) else ""
 
-    headings = []
+    headings = [""] * len(names)
     for k, name in enumerate(names):
+        if k in clocks:
+            continue
         # "V (Voltage)": the unit, then its quantity
         unit = cell_of("Unit", k).partition(" (")[0].strip()
-        headings.append("" if k in clocks else f"{name} [{unit}]" if known_unit(unit) else name)
+        headings[k] = f"{name} [{unit}]" if known_unit(unit) else name
         for row, usual in (("ScaleFactor", 1.0), ("Offset", 0.0)):
             cell = cell_of(row, k)
-            if k not in clocks and _is_number(cell) and _number(cell) != usual:
+            if _is_number(cell) and _number(cell) != usual:
                 text.factors += (f"{name} has {row} {cell}: the export says not whether it is in "
                                  "the numbers",)  # fmt: skip
     headings[clocks[0]] = "time [ms]"
@@ -349,8 +361,7 @@ def _with_headings(text: _Text, chunk: _Lines, rows: list[list[str]], first: int
     """Find the headings over the first row of numbers, which nothing like one precedes."""
     last = [row for row in rows[first:][-20:] if any(map(_is_number, row))] or [rows[-1]]
     width = len(last[0])
-    whole = (k for k in range(first, len(rows)) if len(rows[k]) == width)
-    start = next((k for k in whole if any(map(_is_number, rows[k]))), len(rows))
+    start = _first_numbers(rows, first, width)
     if start < len(rows):
         _refuse_other_widths(text, chunk, rows, range(first, start), width)
     if start == len(rows):  # a heading alone, or rows that are told later
@@ -364,6 +375,14 @@ def _with_headings(text: _Text, chunk: _Lines, rows: list[list[str]], first: int
     if above and not any(text.headings):
         _tell_of_no_headings(text, above[-1], width)
     return start
+
+
+def _first_numbers(rows: list[list[str]], first: int, width: int) -> int:
+    """First row of a width, from `first` on, that holds a number; behind the last if none does."""
+    for k in range(first, len(rows)):
+        if len(rows[k]) == width and any(map(_is_number, rows[k])):
+            return k
+    return len(rows)
 
 
 def _refuse_other_widths(
@@ -541,7 +560,8 @@ def _parse(text: _Text, chunk: _Lines) -> list[_Array]:
 def _numbers(text: _Text, role: str, column: int, cells: list[str], chunk: _Lines) -> _Array:
     """Numbers of some cells of a column: all at once, or one by one where something is amiss."""
     whole = "\n".join(cells)
-    comma, point = "," in whole, "." in whole
+    comma = "," in whole
+    point = "." in whole
     exact = text.dated
     other = comma and (point or text.delimiter == "," or text.decimal == ".")
     if not (other or "_" in whole or not whole.isascii() or (text.decimal == "," and point)):

@@ -633,7 +633,7 @@ def peak_error(plant, x, v, v1, s, k1, k4, d):
     """Bound of the velocity error of one step from v to v1 by what bends over a low velocity."""
     excess, inverse = plant.numbers[EXCESS], plant.numbers[INVERSE_STRIBECK_SPEED]
     error = 0.0
-    if plant.integers[N_BENDING] > 0:
+    if has_bends(plant):
         error = _law_bends_error(plant, x, v, v1, s, k1, k4, d)
     if excess == 0.0:
         return error
@@ -676,7 +676,7 @@ def _law_bends_step(plant, v, v1, s, d):
 def peak_step(plant, v, v1, s, d):
     """Largest step length that does not skip the Stribeck peak, or a bend of an effect's law."""
     step = d
-    if plant.integers[N_BENDING] > 0:
+    if has_bends(plant):
         step = _law_bends_step(plant, v, v1, s, d)
     if plant.numbers[EXCESS] == 0.0:
         return step
@@ -727,8 +727,16 @@ def kink_step(plant, t, x, v, w, x1, v1, w1, s, rest, d):
 
 @internal(forceinline=True)
 def has_kinks(plant):
-    """Whether a force bends at a place or where the load changes its direction."""
-    return plant.integers[N_EDGES] + plant.integers[N_CARRIED] > 0
+    """Whether a step ends where a force bends: at a place, or where the load changes direction."""
+    # What noise hides needs no such step.
+    kinks = plant.integers[N_EDGES] + plant.integers[N_CARRIED]
+    return kinks > 0 and plant.numbers[ALLOWED] == 0.0
+
+
+@internal(forceinline=True)
+def has_bends(plant):
+    """Whether a law of an effect that bends over a low velocity limits a step."""
+    return plant.integers[N_BENDING] > 0 and plant.numbers[ALLOWED] == 0.0
 
 
 @internal

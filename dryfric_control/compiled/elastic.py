@@ -240,7 +240,8 @@ def _bent_after(side, drive, t0, tau, at, strain, mode, rest, middle, after, d):
     bent = abs(bow) * min(abs(z), most) / (most * (1.0 + ratio))
     rise = side.numbers[step.CONTACT_STIFFNESS] * side.numbers[step.INVERSE_MASS]
     error = _BEND * d * bent * rise
-    if way > 0.0 and between > 0.0 and strain.most > 0.0:
+    exact = side.numbers[step.ALLOWED] == 0.0
+    if exact and way > 0.0 and between > 0.0 and strain.most > 0.0:
         # z' = 1 - z/limit with a parabola added to the limit, to first order.
         weight = ratio / (1.0 + ratio * (0.5 + ratio / 6.0)) / 1.5
         z += weight * bow * 0.5 * (strain.z + z) / between

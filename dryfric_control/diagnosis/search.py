@@ -211,7 +211,8 @@ class Search:
         joined = Model(fit_beside(problem, axis, free, row.fit), (*row.names, *forces.causes))
         best = begin
         for one in (contact, self.eliminate_causes(joined)):
-            best = one if self.net_evidence(one, best) > 0.0 else best
+            if len(one.causes) <= MAX_CAUSES and self.net_evidence(one, best) > 0.0:
+                best = one
         return self.weigh_causes(best)
 
     def run(self, now: Model) -> Model:

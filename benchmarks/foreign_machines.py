@@ -6,8 +6,8 @@ The simulator takes explicit steps of 20 us and shares no code with the package.
 slip (four springs that slip one after another), the same with levels that fall with velocity (after
 the generalised Maxwell slip model of Al-Bender, Lampaert and Swevers, 2005), tanh (friction that
 creeps), a gear that loses less when it is driven back, a spot of raised friction, a drive whose
-gain changes.  A PD loop moves the axis; the nominal axis is up to 30 % off.  With five seeds it
-takes half an hour of a core.
+gain changes.  A PD loop moves the axis; the nominal axis is up to 30 % off.  A machine takes up to
+several minutes of a core.
 
 What counts against an answer: a force in it that is larger than any in the record, and an amount
 that another run of the same machine (another motion, other noise) contradicts by more than five of

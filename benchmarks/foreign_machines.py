@@ -26,13 +26,21 @@ from numba import njit
 
 import dryfric_control as dfc
 
-#: Sampling time [s], steps of the simulator in it, samples of a record.
-DT, STEPS, SAMPLES = 1e-3, 50, 20_000
+#: Sampling time [s].
+DT = 1e-3
+#: Steps of the simulator in a sample.
+STEPS = 50
+#: Samples of a record.
+SAMPLES = 20_000
 LAWS = ("maxwell", "gms", "tanh", "gear", "spot", "gain")
-#: Standard errors, and part of the amount, by which two runs of one machine may differ.
-MOST_ERRORS, MOST_PART = 5.0, 0.05
-#: Part of each sample at which a law changes its size: width of a spot [m], way of springs [m].
-SPOT, WAYS = 3e-3, np.array([3e-6, 1e-5, 3e-5, 1e-4])
+#: Standard errors by which two runs of one machine may differ.
+MOST_ERRORS = 5.0
+#: Part of the amount by which they may differ besides.
+MOST_PART = 0.05
+#: Width of a spot of raised friction [m].
+SPOT = 3e-3
+#: Ways after which the springs of Maxwell slip begin to slip [m].
+WAYS = np.array([3e-6, 1e-5, 3e-5, 1e-4])
 
 
 @njit

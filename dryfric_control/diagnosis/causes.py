@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -303,28 +304,13 @@ def _varying_fit(
     problem: Problem, final: Solution, now: Solution, base: Sequence[str], penalty: float
 ) -> Solution | None:
     """Fit with one more record-specific parameter than `now`; None if records do not need it."""
+    refit = functools.partial(problem.fit, base=base, wonder=False)
     free = problem.free_of(final)
     # Most parameters do not differ; a few iterations show it.
-    fit = problem.fit(
-        final.axis,
-        free,
-        noises_of(final),
-        FIRST_ITERATIONS,
-        base=base,
-        wonder=False,
-        each=each_of(now),
-    )
+    fit = refit(final.axis, free, noises_of(final), FIRST_ITERATIONS, each=each_of(now))
     if now.cost - fit.cost + 3.0 * fit.promised < penalty:
         return None
-    return problem.fit(
-        fit.axis,
-        free,
-        noises_of(fit),
-        COMPARISON_ITERATIONS,
-        base=base,
-        wonder=False,
-        each=each_of(fit),
-    )
+    return refit(fit.axis, free, noises_of(fit), COMPARISON_ITERATIONS, each=each_of(fit))
 
 
 def _is_determined(less: Solution, more: Solution) -> bool:

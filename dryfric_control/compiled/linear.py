@@ -91,3 +91,23 @@ def play(x, gap):
     for k in range(1, x.size):
         y[k] = min(max(y[k - 1], x[k] - half), x[k] + half)
     return y
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def behind_bristles(levels, x, length):
+    """Friction by small changes of the level, shape (n, c), behind bristles of a length.
+
+    Their force F = k z follows dF/dx = k (1 - s F/level), so that a small change of the level
+    appears in the share F/level that the bristles have built up, and over the same length.
+    """
+    n, c = levels.shape
+    force = np.zeros((n, c))
+    share = 0.0
+    for k in range(1, n):
+        way = x[k] - x[k - 1]
+        rest = np.exp(-abs(way) / length)
+        share = np.sign(way) + (share - np.sign(way)) * rest
+        for j in range(c):
+            aim = -share * levels[k, j]
+            force[k, j] = aim + (force[k - 1, j] - aim) * rest
+    return force

@@ -25,7 +25,7 @@ from dryfric_control.diagnosis.thresholds import (
 from dryfric_control.estimation.likelihood import BASE, BASE_LOG_DEVIATION
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.random_force import long_run
-from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FIRST_ITERATIONS
+from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FIRST_ITERATIONS, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import InputGain
@@ -240,11 +240,12 @@ def _load_does_the_same(problem: Problem, model: Model, final: Solution, held: s
     axis = axis.replace(effects=(*axis.effects, REGISTRY[_LOAD](**{"coefficient": 1.0 - scale})))
     base = [n for n in problem.base if n != held]
     free = (*problem.free_of(final), f"{_LOAD}.coefficient")
-    fit = problem.fit(
-        axis, free, noises_of(final), COMPARISON_ITERATIONS, base=base, each=each_of(final)
-    )
-    costs = [one.cost - prior_of(one) for one in (fit, final)]
-    return costs[0] < costs[1] + EQUAL_EVIDENCE
+    likelihood = problem.likelihood(axis, free, base=base, each=each_of(final))
+    start = likelihood.start(noises=noises_of(final))
+    enough = final.cost - prior_of(final) + EQUAL_EVIDENCE
+    than = enough + likelihood.prior(start)
+    fit = maximise(likelihood, start, COMPARISON_ITERATIONS, problem.until, than=than)
+    return fit.cost - prior_of(fit) < enough
 
 
 def _size(search: Search, name: str) -> float:

@@ -24,7 +24,7 @@ from dryfric_control.diagnosis.causes import (
     hardly_determined,
     varying_parameters,
 )
-from dryfric_control.diagnosis.criterion import evidence
+from dryfric_control.diagnosis.criterion import cost_of, evidence
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.diagnosis.inputs import (
     as_recorded,
@@ -366,12 +366,11 @@ class _Answer:
             # With slopes that switches belong to: near the end those of a recursion creep.  And
             # from a large random force, with which the cost is smooth.
             likelihood = problem.likelihood(final.axis, problem.free_of(final), each=each_of(final))
-            starts = ((final.problem, final.z), (likelihood, likelihood.start(1.0)))
-            fits = [
-                maximise(one, z, FINAL_ITERATIONS, problem.until, again=k == 0, recursion=False)
-                for k, (one, z) in enumerate(starts)
-            ]
-            final = min(fits, key=lambda s: s.cost)
+            turns, until = FINAL_ITERATIONS, problem.until
+            final = maximise(final.problem, final.z, turns, until, again=True, recursion=False)
+            start = likelihood.start(1.0)
+            other = maximise(likelihood, start, turns, until, recursion=False, than=final.cost)
+            final = min(final, other, key=cost_of)
         shift = final.values().get(SHIFT, 0.0)
         if problem.shift is not None and shift > -MIN_VISIBLE_DELAY * problem.scales.step:
             problem = self.search.problem = replace(problem, shift=None)
@@ -492,7 +491,8 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
     search.now = Model(problem.nominal_fit)
     recorded = problem.runs
     try:
-        found = _force_first(search, recorded)
+        forces, builds_up = search.by_force()
+        found = _force_first(search, recorded, forces, builds_up)
         if found is not None:
             return *found, False
         search = Search(problem, tell, search.not_tried, now=search.now)
@@ -503,7 +503,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
             begun = problem.fit(begun.axis, noises=noises_of(begun), turns=COMPARISON_ITERATIONS)
         search.now = Model(begun)
         if begun.cost > problem.straight_line.cost:
-            found = _by_force(search, begun)
+            found = _by_force(search, begun, builds_up)
             if found is not None:
                 return *found, False
         first = search.best_proposal(Model(begun))
@@ -523,13 +523,14 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
     return search, model, False
 
 
-def _force_first(search: Search, recorded: Sequence[Any]) -> tuple[Search, Model] | None:
+def _force_first(
+    search: Search, recorded: Sequence[Any], found: Model, builds_up: bool
+) -> tuple[Search, Model] | None:
     """The search from the causes that the force shows; None where these do not explain the motion.
 
     What builds up after reversals, and beside which a straight line predicts better, is a contact.
     """
     problem = search.problem
-    found, builds_up = search.by_force()
     if builds_up and found.fit.cost > problem.straight_line.cost:
         found = driven_model(problem, found.fit, found) or found
     if not found.causes or found.fit.cost > problem.straight_line.cost:
@@ -551,7 +552,7 @@ def _force_first(search: Search, recorded: Sequence[Any]) -> tuple[Search, Model
     return None
 
 
-def _by_force(search: Search, begun: Solution) -> tuple[Search, Model] | None:
+def _by_force(search: Search, begun: Solution, builds_up: bool) -> tuple[Search, Model] | None:
     """The search continued from what the force of the motion shows, if that explains it.
 
     In the view of the force itself where the drive follows an imposed motion.
@@ -561,7 +562,7 @@ def _by_force(search: Search, begun: Solution) -> tuple[Search, Model] | None:
     if other is None:
         return None
     found = other.run(other.now)
-    there = None if problem.is_overdue else driven_model(problem, begun, found)
+    there = None if problem.is_overdue else driven_model(problem, begun, found, builds_up)
     if there is not None:
         motion = Search(problem, search.tell, search.not_tried, now=there)
         model = motion.run(motion.eliminate_causes(there))

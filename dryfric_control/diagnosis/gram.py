@@ -54,7 +54,6 @@ from dryfric_control.model.effects.columns import (
     View,
     difference,
     effect_contribution,
-    secant,
     simulated_column,
 )
 from dryfric_control.model.effects.effect import Effect
@@ -76,12 +75,14 @@ _RIDGE = 1e-9
 # Part of the largest gain of a shape with a memory, in passes of the filter, that another one must
 # have to be fitted.
 _MIN_GAIN_FRACTION = 0.05
+# Largest part of the samples on a stretch on which shapes with a memory are put in order.
+_MAX_STRETCH_PART = 0.7
+# Number of shapes of each effect with a memory that take passes of the whole records.
+_FULL_SHAPES = 4
 # Least ratio of the number of independent samples after to before for what takes from the drive.
 _MIN_INDEPENDENCE_RATIO = 0.8
 # Largest part of the drive that a cause in the drive may take.
 _MAX_DRIVE_FRACTION = 0.5
-# Size of a friction that is simulated beside bristles, in parts of the Coulomb level.
-_SECANT_SIZE = 0.1
 
 
 def _level(effect: type[Effect]) -> bool:
@@ -276,20 +277,11 @@ class Gram:
             if n in amounts and low[n] >= 0.0 and 1.0 + c < 0.0
         ]
 
-    @property
-    def has_bristles(self) -> bool:
-        """Whether bristles bend: friction is then no force, its shapes take passes."""
-        axis = self.here.axis
-        return not self.problem.is_imposed and any(
-            e.inner(axis).bristles > 0.0 for e in axis.effects
-        )
-
     @cached_property
     def _shapes(self) -> dict[str, list[Column]]:
         """Shapes of all effects, by name."""
         found = dict[str, list[Column]]()
         present = named(self.problem.believed)
-        bends = self.has_bristles
         for name in self.names:
             try:
                 if name in present:
@@ -300,11 +292,10 @@ class Gram:
                     ]
                 else:
                     found[name] = [*effect_class(name).columns(cast(View, self.here))]
-                # A level is no force while bristles bend: it is where their force ends.
-                if bends and _level(effect_class(name)):
-                    size = _SECANT_SIZE * self.here.size
+                if _level(effect_class(name)):
                     found[name] = [
-                        secant(one, size) if len(one.force) == 1 else one for one in found[name]
+                        one._replace(force=tuple(map(self.here.behind_bristles, one.force)))
+                        for one in found[name]
                     ]
             except (ValueError, ArithmeticError) as problem:
                 self.fail(name, str(problem))
@@ -342,9 +333,7 @@ class Gram:
 
         def run(name: str, column: Column) -> tuple[FloatArray, float] | None:
             try:
-                start = with_effect(self.here.axis, name, column.values((1.0,)))
-                free = (*self.problem.free_of(self.fit), *start.free)
-                likelihood = self.problem.likelihood(start.axis, free)
+                likelihood = self._simulated(name, column)
                 z = likelihood.start(noises=self.noises)
                 point = likelihood.at(z)
                 here = profiled_cost(likelihood, point) + likelihood.prior(z)
@@ -355,12 +344,46 @@ class Gram:
                 self.fail(name, str(problem))
                 return None
 
+        tasks = self._promising_shapes(tasks)
         found = self.problem.parallel(run, *(zip(*tasks, strict=True) if tasks else ((), ())))
         self._note_no_numbers([name for name, _ in tasks], found)
         for (name, column), row in zip(tasks, found, strict=True):
             if row is not None and np.any(row[0]):
-                # A secant is a column like others: its amount follows from the normal equations.
-                yield name, column, row[0], -math.inf if column.most < math.inf else row[1]
+                yield name, column, row[0], row[1]
+
+    def _simulated(self, name: str, column: Column) -> Likelihood:
+        """Likelihood of the model with a shape without force columns."""
+        start = with_effect(self.here.axis, name, column.values((1.0,)))
+        return self.problem.likelihood(start.axis, (*self.problem.free_of(self.fit), *start.free))
+
+    def _promising_shapes(self, tasks: Sequence[tuple[str, Column]]) -> list[tuple[str, Column]]:
+        """Of each effect the likeliest shapes on the stretch with the fastest strokes.
+
+        A shape with a memory acts after each reversal: a few reversals put the shapes in order.
+        """
+        runs = self.problem.fast_stretches
+        short = sum(int(r.active.sum()) for r in runs) < _MAX_STRETCH_PART * self.problem.samples
+        if self.problem.is_imposed or not short:
+            return [*tasks]
+
+        def costs(name: str, column: Column) -> list[float]:
+            try:
+                return self._costs(self._simulated(name, column).on(runs), self._parts)
+            except ValueError as problem:
+                self.fail(name, str(problem))
+                return [math.inf] * len(self._parts)
+
+        rows = self.problem.parallel(costs, *(zip(*tasks, strict=True) if tasks else ((), ())))
+        levels = np.min(rows, axis=0) if rows else np.zeros(len(self._parts))
+        with np.errstate(invalid="ignore"):  # where no shape has a likelihood
+            ranks = np.nan_to_num(np.array(rows) - levels, nan=math.inf).min(
+                axis=1, initial=math.inf
+            )
+        kept = list[int]()
+        for name in dict.fromkeys(name for name, _ in tasks):
+            own = [k for k, (n, _) in enumerate(tasks) if n == name]
+            kept += sorted(own, key=ranks.__getitem__)[:_FULL_SHAPES]
+        return [tasks[k] for k in sorted(kept)]
 
     def _note_no_numbers(
         self, names: Sequence[str], found: Sequence[tuple[FloatArray, float] | None]

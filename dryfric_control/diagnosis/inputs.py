@@ -133,11 +133,14 @@ def imposed_search(problem: Problem, tell: Callable[..., None]) -> Search | None
     return None
 
 
-def driven_model(problem: Problem, begun: Solution, found: Model) -> Model | None:
+def driven_model(
+    problem: Problem, begun: Solution, found: Model, builds_up: bool = True
+) -> Model | None:
     """The axis with the causes that its force shows, where these make its drive move it.
 
     A drive that holds an axis near breakaway bends its contact, where a rigid one predicts no
-    motion: so with an elastic contact, too, unless the nominal axis has one.
+    motion: so with an elastic contact, too, where friction `builds_up` after reversals, unless the
+    nominal axis has one.
     """
     free = problem.free_of(found.fit)
     axis = found.fit.axis
@@ -147,7 +150,7 @@ def driven_model(problem: Problem, begun: Solution, found: Model) -> Model | Non
         return None
     bending = (n for n in catalogue(problem.believed) if effect_class(n).action == "contact")
     name = next((n for n in bending if not holds(problem.believed, n)), None)
-    if name is not None:
+    if builds_up and name is not None:
         own = (*free, *own_names(name), *held_by(name))
         view = cast(View, Linearised(problem, begun.problem, begun.z))
         # Fits find the way from one shape to the next but one.
@@ -155,11 +158,10 @@ def driven_model(problem: Problem, begun: Solution, found: Model) -> Model | Non
             forms(with_effect(axis, name, shape.values((1.0,))).axis, [name])[-1]
             for shape in [*effect_class(name).columns(view)][1::2]
         ]
+        part = replace(problem, runs=problem.fast_stretches)
+        fits = problem.parallel(lambda start: part.fit(start, own, turns=FIRST_ITERATIONS), starts)
         fits = problem.parallel(
-            lambda start: problem.fit(start, own, turns=FIRST_ITERATIONS), starts
-        )
-        fits = problem.parallel(
-            lambda fit: maximise(fit.problem, fit.z, FINAL_ITERATIONS, problem.until, again=True),
+            lambda fit: problem.fit(fit.axis, own, noises_of(fit), FINAL_ITERATIONS),
             sorted(fits, key=lambda fit: fit.largest_force)[:_CONTINUED_SHAPES],
         )
         # With a large random force the filter follows the readings, whatever the model.

@@ -72,6 +72,8 @@ class Linearised(ModelView):
             [np.gradient(uniform_filter1d(self.v[part], _SMOOTH)) / self.dt for part in self.slices]
         )
         self.direction = np.sign(states[2])
+        if self.bristle_length > 0.0:  # which bend while the contact counts as at rest
+            self.direction = np.where(self.direction == 0.0, np.sign(self.v), self.direction)
 
     def columns(self, force: Floats, reading: Floats) -> Floats:
         """Weighted changes of the innovations, shape (n, c), see `innovation_change`."""

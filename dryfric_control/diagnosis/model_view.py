@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from dryfric_control.arrays import Floats
+from dryfric_control.compiled.linear import behind_bristles
 from dryfric_control.diagnosis.candidates import effect_class
 from dryfric_control.diagnosis.thresholds import NEGLIGIBLE_FORCE_RATIO
 from dryfric_control.estimation.force_residual import net_drive
@@ -19,6 +20,7 @@ from dryfric_control.estimation.smoothed_motion import distance_since_reversal
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.columns import View, difference, effect_contribution
 from dryfric_control.model.effects.effect import Effect
+from dryfric_control.model.friction import middle_level
 
 #: Relative change of a nominal effect's parameter whose force is a column.
 CHANGED = 0.05
@@ -164,13 +166,31 @@ class ModelView:
         force = -difference(more, cast(View, self)) / CHANGED
         return np.where(level * force > 0.0, force / np.where(level != 0.0, level, 1.0), 1.0)
 
+    @cached_property
+    def bristle_length(self) -> float:
+        """Length over which bristles of the model build their force up [m]; 0 without bristles."""
+        inner = (e.inner(self.axis) for e in self.axis.effects)
+        stiffness = next((i.contact for i in inner if i.bristles > 0.0), 0.0)
+        level = middle_level(self.axis.coulomb, self.axis.travel)
+        return level / stiffness if stiffness > 0.0 else 0.0
+
+    def behind_bristles(self, force: Floats) -> Floats:
+        """A friction force, as its level alone would give it, behind the bristles of the model."""
+        if not self.bristle_length > 0.0:
+            return force
+        levels = (-self.direction * force)[:, None]
+        parts = [
+            behind_bristles(levels[part], self.x[part], self.bristle_length) for part in self.slices
+        ]
+        return np.concatenate(parts)[:, 0]
+
     def base_forces(self, names: Sequence[str]) -> list[Floats]:
         """Forces of base parameters, each for a relative change of 1."""
         nominal = dict(zip(names, values_of(self.axis, names), strict=True))
         known = {
             "mass": -self.axis.mass * self.a,
             "viscous": -self.v * (nominal.get("viscous") or self.size / self.fast),
-            "coulomb": -self.direction * self.level * self.lift,
+            "coulomb": self.behind_bristles(-self.direction * self.level * self.lift),
         }
         for name in (n for n in names if n not in known):
             more = with_values(self.axis, [name], [nominal[name] * (1.0 + CHANGED)])

@@ -204,11 +204,14 @@ class Search:
             return begin
         contact = Model(row.fit, row.names)
         axis = row.fit.axis
+        # The contact in the place of another one that was fitted with the forces.
+        others = [n for n in forces.causes if not effect_class(n).remembers]
         for name, effect in named(forces.fit.axis).items():
-            if name in forces.causes:
+            if name in others:
                 axis = put(axis, name, effect)
-        free = (*problem.free_of(row.fit), *problem.free_of(forces.fit))
-        joined = Model(fit_beside(problem, axis, free, row.fit), (*row.names, *forces.causes))
+        own = [n for n in problem.free_of(forces.fit) if n.partition(".")[0] in others]
+        free = (*problem.free_of(row.fit), *own)
+        joined = Model(fit_beside(problem, axis, free, row.fit), (*row.names, *others))
         best = begin
         for one in (contact, self.eliminate_causes(joined)):
             if len(one.causes) <= MAX_CAUSES and self.net_evidence(one, best) > 0.0:
@@ -236,7 +239,8 @@ class Search:
                     joined = self.weigh_causes(Model(row.fit, (*now.causes, *row.names)))
                     now = self.refit_forms(self.eliminate_causes(joined))
                     # What the force shows clearly may be hidden in free runs by another cause.
-                    if frozenset(now.causes) == key and row.evidence > STRONG_EVIDENCE:
+                    strong = self._strong_evidence(joined)
+                    if frozenset(now.causes) == key and row.evidence > strong:
                         now = self.add_hidden_cause(joined) or now
                 # Nothing joins, or what did is not there beside the others.
                 if now.causes and frozenset(now.causes) == key and not self._kept_before(key):
@@ -397,7 +401,6 @@ class Search:
         return (
             self._after_reversal(now, grams) < last
             or (last > 1 and self.problem.outliers(now.fit) > STRONG_EVIDENCE)
-            or any(gram.has_bristles for gram in grams)
             or self.problem.is_imposed  # where a shape takes no pass of the filter
         )
 
@@ -548,8 +551,7 @@ class Search:
             less = now.less
             worst = min(worth, key=worth.__getitem__)
             lost = [worst] if worth[worst] <= 0.0 else []
-            most = max((w for w in worth.values() if math.isfinite(w)), default=0.0)
-            alone = max(STRONG_EVIDENCE, STRONG_EVIDENCE_FRACTION * most)
+            alone = self._strong_evidence(now)
             for name in now.causes:
                 if (
                     free_runs
@@ -561,6 +563,12 @@ class Search:
                 return now
             now = self._remove_implausible(less[lost[0]])
         return now
+
+    @staticmethod
+    def _strong_evidence(now: Model) -> float:
+        """Evidence from which the force alone shows a cause of a model."""
+        most = max((w for w in now.worth.values() if math.isfinite(w)), default=0.0)
+        return max(STRONG_EVIDENCE, STRONG_EVIDENCE_FRACTION * most)
 
     def _remove_implausible(self, now: Model) -> Model:
         """The model without causes that are none: those cost a pass each to see, no fit."""

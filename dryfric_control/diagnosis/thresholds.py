@@ -5,6 +5,7 @@ tied to an effect or a record.  A name that begins with MIN or MAX is a lower or
 """
 
 from dryfric_control.estimation.likelihood import ASSUMPTION_COST
+from dryfric_control.estimation.scoring import REMAINING_GAIN_RATIO as REMAINING_GAIN_RATIO
 
 # Screening of all effects beside a model.
 # Random force at which effects are screened, over the RMS drive: bounds.
@@ -45,8 +46,6 @@ SEARCH_REVERSALS = 6
 # Full fits.
 # Difference of costs within which a proposal is fitted on, or a start counts as likely.
 FIT_SLACK = 8.0
-# Ratio of what a fit may still gain to what its last step brought and promises.
-REMAINING_GAIN_RATIO = 5.0
 # What a fit may still gain below which it decides nothing: a quarter of EQUAL_EVIDENCE.
 MIN_DECIDING_GAIN = 1.0
 # Predicted fall of the cost below which a fit ends.

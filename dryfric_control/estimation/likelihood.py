@@ -611,7 +611,9 @@ class Likelihood:
             return False
         run, states = self.runs[i], point.states[i]
         axis = self.axis_at(z, i)
-        if any(e.inner(axis) != _RIGID for e in axis.effects if e.action not in _TIMING_ACTIONS):
+        # A contact that slides passes on the level, as friction of a rigid axis does.
+        others = [e for e in axis.effects if e.action not in (*_TIMING_ACTIONS, "contact")]
+        if any(e.inner(axis) != _RIGID for e in others):
             return False
         moved = z.copy()
         step = self.steps[j]

@@ -27,6 +27,8 @@ _DIFFERENCES_FALL = 30.0
 _CENTRAL_DIFFERENCE_FALL = 3.0
 # Usual number of iterations.
 _MAX_ITERATIONS = 40
+#: Ratio of what a fit may still gain to what its last step promises.
+REMAINING_GAIN_RATIO = 5.0
 #: Iterations of a first fit.
 FIRST_ITERATIONS = 4
 #: Iterations of a fit that compares.
@@ -160,13 +162,15 @@ def maximise(
     quick: bool = False,
     again: bool = False,
     recursion: bool = True,
+    than: float = math.inf,
 ) -> Solution:
     """Most likely parameters from one starting point, by damped Fisher scoring.
 
     Infinite cost where there is no axis with the start values, whose `Likelihood.at` says why.
     `until`: reading of `time.monotonic` at which the search stops.  `quick`: only as far as
     slopes of forces from a linear recursion lead.  `again`: from where another search ended.
-    `recursion`: whether such slopes are used at all.
+    `recursion`: whether such slopes are used at all.  `than`: cost above which the search ends once
+    its steps do not promise to come below it.
     """
     z = np.clip(z, problem.low, problem.high)
     point = problem.tried(z)
@@ -176,8 +180,11 @@ def maximise(
     if iterations and not again:
         z, point = _noises(problem, z, point)
     search, turn = _Scoring(problem, z, point, until, linear=recursion), 0
-    for turn in range(iterations):  # noqa: B007
+    for turn in range(iterations):
         if (quick and not search.linear) or not search.iterate():
+            break
+        hope = REMAINING_GAIN_RATIO * search.promised
+        if turn >= FIRST_ITERATIONS and search.point.cost - hope > than:
             break
     return search.solution(turn)
 

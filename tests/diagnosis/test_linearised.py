@@ -77,6 +77,32 @@ def test_a_column_is_the_change_that_the_filter_shows(here, slug, coefficients, 
     assert np.linalg.norm(moved - expected) < 0.05 * np.linalg.norm(expected)
 
 
+def test_a_level_behind_bristles_is_the_change_of_their_force():
+    """Against small steps of Dahl's law at a level by direction, and at one that is 1 % higher."""
+    length, level = 2e-3, 8.0
+    bristles = dfc.effects.Presliding(distance=length, bristles=1.0)
+    axis = AXIS.replace(effects=(bristles,))
+    here = view_of(axis, driven(axis))
+    part = 1e-2
+
+    def forces(more):
+        found, force = np.zeros(here.x.size), 0.0
+        for k in range(1, here.x.size):
+            way = (here.x[k] - here.x[k - 1]) / 200
+            top = level * (1.0 + more * (way > 0.0))
+            for _ in range(200):
+                force += level / length * (way - abs(way) * force / top)
+            found[k] = force
+        return found
+
+    expected = -(forces(part) - forces(0.0)) / part
+    raised = -level * (here.direction > 0.0)
+    assert here.bristle_length == pytest.approx(length)
+    off = np.linalg.norm(here.behind_bristles(raised) - expected)
+    assert off < 0.03 * np.linalg.norm(expected)
+    assert off < 0.2 * np.linalg.norm(raised - expected)
+
+
 def test_a_factor_of_the_friction_is_taken_over_by_the_level(here):
     """A warm-up that lasts far longer than the record is one."""
     effect = dfc.effects.WarmUp(rise=0.25, time_constant=1e5)

@@ -19,8 +19,6 @@ EffectClass = type[Any]
 
 #: Velocities over which friction may change, as parts of the usual ones.
 PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
-# Largest multiple of what was simulated for which a change counts as linear.
-_REACH = 5.0
 # Largest number of shapes of an effect that has no columns of its own.
 _MOST_SHAPES = 256
 
@@ -78,15 +76,6 @@ def proportional_column(
 def simulated_column(**values: float) -> Column:
     """Shape of an effect without a force column, at these values."""
     return Column(lambda c: dict(values), positive=True)
-
-
-def secant(column: Column, size: float) -> Column:
-    """The same shape, to be simulated with a force of about `size` for a coefficient of 1."""
-    top = max(float(np.max(np.abs(force))) for force in column.force)
-    part = size / max(top, 1e-300)
-    return column._replace(
-        values=lambda c: column.values([part * one for one in c]), force=(), most=_REACH
-    )
 
 
 def sine(**others: float) -> Callable[[Sequence[float]], dict[str, float]]:

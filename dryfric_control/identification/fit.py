@@ -15,7 +15,7 @@ from dryfric_control.checks import check_boolean, finite, instance, positive, wa
 from dryfric_control.drawing import MEASURED, label_axes, panels
 from dryfric_control.estimation import uncertainty
 from dryfric_control.estimation.force_residual import Sliding, force_start
-from dryfric_control.estimation.likelihood import Likelihood, prepare
+from dryfric_control.estimation.likelihood import Likelihood, Run, prepare
 from dryfric_control.estimation.parameters import (
     SHIFT,
     SPELLINGS,
@@ -446,14 +446,14 @@ def maximise_likelihood(
     progress: bool,
     name: str = "fit",
     kept: int = _KEPT,
-    look: bool = False,
+    breakaways: Sequence[Run] = (),
 ) -> Fit:
     """The fit from the most likely end of searches from some points, nominal values first.
 
-    `look`: whether to look for what acts at breakaway before.
+    `breakaways`: stretches of the records in which to look for what acts at breakaway, if any.
     """
     noises = problem.start(1.0)[len(problem.names) :]
-    few = FIRST_ITERATIONS if look or len(points) > kept else COMPARISON_ITERATIONS
+    few = FIRST_ITERATIONS if breakaways or len(points) > kept else COMPARISON_ITERATIONS
 
     def search(point: Floats) -> Solution:
         own = problem.on(problem.runs)
@@ -465,8 +465,8 @@ def maximise_likelihood(
     run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
     found = run(joblib.delayed(search)(p) for p in points)
     ends = list(tqdm(found, name, len(points), unit="start", disable=not progress))
-    if look:
-        there = breakaway_search(problem, np.concatenate((points[0], noises)))
+    if breakaways:
+        there = breakaway_search(problem.on(breakaways), np.concatenate((points[0], noises)))
         found = run(joblib.delayed(refine_fit)(z) for z in there)
         ends += tqdm(found, name, len(there), unit="point", disable=not progress)
     ends = [ends[i] for i in stable_order([one.cost for one in ends], _EQUAL)][:kept]

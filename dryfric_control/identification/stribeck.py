@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from dryfric_control.arrays import Ints
 from dryfric_control.checks import instance, whole
 from dryfric_control.drawing import MEASURED, label_axes, panels
+from dryfric_control.estimation.likelihood import Run
 from dryfric_control.estimation.parameters import choose, typical, values_of
 from dryfric_control.identification.fit import WINDOW, Fit, maximise_likelihood, problem_of
 from dryfric_control.identification.replay import LoopReplay, replay_loop
@@ -40,6 +41,8 @@ _SHORTEST = 10
 # Least move between two stick phases over the long slips: a shorter one is noise, or the creep at
 # the beginning of a phase.
 _SLIP = 0.1
+# Breakaways in which the peak is looked for.
+_SEARCHED = 10
 # Slips that a replay runs on before it starts anew.
 _STRETCH = 5
 
@@ -245,8 +248,9 @@ def identify_stribeck(
         for values in (values_of(one, problem.names) for one in guesses)
     ]
     found = maximise_likelihood(
-        problem, points, WINDOW, jobs, progress, "identify_stribeck", starts, True
-    )
+        problem, points, WINDOW, jobs, progress, "identify_stribeck", starts,
+        [_around_breakaways(problem.runs[0], sticks)],
+    )  # fmt: skip
     if controller is None:
         return StribeckIdentification(found, ripple(record), None, None)
     loop = replay_loop(found.axis, record, controller)
@@ -256,6 +260,17 @@ def identify_stribeck(
         replayed = ripple(Record(record.t, u, x, record.reference, quantum=quantum))
     branches = _branches(found.axis, record, controller, sticks)
     return StribeckIdentification(found, ripple(record), replayed, loop, branches)
+
+
+def _around_breakaways(run: Run, sticks: Sticks) -> Run:
+    """A record on the stretch of `_SEARCHED` breakaways in its middle, whole if it has few more."""
+    first = (sticks.end.size - _SEARCHED) // 2
+    if first < 1:
+        return run
+    start, end = int(sticks.begin[first]), int(sticks.begin[first + _SEARCHED])
+    active = run.active.copy()
+    active[:start] = active[end:] = False
+    return replace(run, active=active, pieces=((start, end),))
 
 
 def _branches(

@@ -63,6 +63,8 @@ _EXACT = 1e-15
 _FINEST_LOOK = 1e-2
 # Safety factor of the rate at which states change the load at rest, seen from both ends.
 _RATE_MARGIN = 2.0
+# Pieces into which a motion is cut that states follow.
+_PIECES = 8
 # Velocity over the stick speed of the differences by which a flow is linearised.
 _DIFFERENCE = 1e-3
 
@@ -580,6 +582,35 @@ def shift_states(plant, t, memory, drive, way):
         after = z[j] + rise / dv * way
         z[j] = min(max(after, plant.numbers[limits]), plant.numbers[limits + 1])
     show_states(plant, memory)
+
+
+@step.internal
+def follow_motion(plant, t, x, v, u, s, dt):
+    """Let the states of a plant, whose numbers are its own, follow a motion at a velocity."""
+    level, h = _level(plant, x, s), dt / _PIECES
+    for _ in range(_PIECES):
+        for j in range(plant.integers[N_STATES]):
+            row = plant.integers[STATES] + STATE_ROW * j
+            place, limits = plant.integers[row + PLACE], plant.integers[row + LIMITS]
+            low, high = plant.numbers[limits], plant.numbers[limits + 1]
+            before = plant.numbers[place]
+            after = before + h * _flow(plant, row, t, x, v, u, level, s, 0.0)
+            plant.numbers[place] = min(max(after, low), high)
+            if (
+                plant.integers[row + JUMP_OF] != 0
+                and low < before < high
+                and not low < after < high
+            ):
+                after = _jump(plant, row, t, x, v, u, level, s, 0.0)
+                plant.numbers[place] = min(max(after, low), high)
+
+
+@step.internal
+def forget_states(plant):
+    """Set the states of a plant, whose numbers are its own, to those at a start."""
+    for j in range(plant.integers[N_STATES]):
+        row = plant.integers[STATES] + STATE_ROW * j
+        plant.numbers[plant.integers[row + PLACE]] = 0.0
 
 
 def _states_task(

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from dryfric_control.compiled import axis_step
-from dryfric_control.compiled.states import first_state
+from dryfric_control.compiled.states import first_state, follow_motion, forget_states
 
 # Search for a start state (`benchmarks/diagnosis.py`, exact and off).
 # Fractions of a step that are tried in turn.
@@ -467,12 +467,25 @@ def project(axis, w, search, at):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def accelerations(numbers, integers, t, x, v, u, known, direction, out):
-    """Acceleration of the sliding mode at given states, into `out`; `known`: force, or (0,)."""
+    """Acceleration of the sliding mode at given states, into `out`; `known`: force, or (0,).
+
+    The states of effects follow the motion from one to the next, as long as time goes on.
+    """
     own = numbers.copy()
+    remembers = integers[axis_step.STRUCTURE] & axis_step.REMEMBERS != 0
+    plant = axis_step.point(own, integers)
     for k in range(t.shape[0]):
+        dt = t[k] - t[k - 1] if k > 0 else 0.0
+        if remembers and dt > 0.0:
+            way = x[k] - x[k - 1]
+            s = float(direction[k - 1])
+            follow_motion(plant, t[k - 1], x[k - 1], way / dt, u[k - 1], s, dt)
+        elif remembers:
+            forget_states(plant)
         if known.shape[0] > 0:
             own[axis_step.KNOWN_FORCE] = known[k]
         out[k] = axis_step.mode_rate(own, integers, t[k], x[k], v[k], u[k], direction[k])[0]
+    axis_step.keep_alive(own)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -167,3 +167,40 @@ def test_a_class_that_lacks_something_says_what(without, problem):
 def test_what_has_no_place_for_its_states_refuses_it(use, problem):
     with pytest.raises(ValueError, match=problem):
         use(AXIS.replace(effects=(SLIP,)))
+
+
+def test_what_is_left_of_the_drive_is_net_of_it():
+    # The states follow the motion that was read.
+    slide = AXIS.replace(stick_speed=1e-4, effects=(SLIP,))
+    t = np.arange(4000) * DT
+    drive = 14.0 * np.sin(7.0 * t) + 6.0 * np.sin(31.0 * t)
+    record = dfc.Record(t, drive, slide.simulate(drive, dt=DT).y[0], quantum=1e-9)
+    axes = (slide, slide.replace(effects=()))
+    with_it, without = (record.force_map(axis).rms for axis in axes)
+    assert with_it < 0.05 * without, (with_it, without)
+
+
+def test_observers_leave_it_out_and_certificates_do_not_cover_it():
+    axis = AXIS.replace(stick_speed=1e-4, effects=(SLIP,))
+    with pytest.warns(UserWarning, match="leaves out maxwell_slip"):
+        comp = dfc.design_compensation(axis, dt=DT)
+    assert comp.certificate.uncovered == ("maxwell_slip",)
+    assert comp.certificate.tube == math.inf
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("coulomb", [4.0, 0.0])
+def test_it_is_fitted_to_a_record_that_begins_within_the_motion(coulomb):
+    # The record does not hold what the springs were strained at its start.
+    slide = AXIS.replace(coulomb=coulomb, stick_speed=1e-4, effects=(SLIP,))
+    t, rng = np.arange(6300) * DT, np.random.default_rng(0)
+    drive = 14.0 * np.sin(7.0 * t) + 6.0 * np.sin(31.0 * t) * np.sin(1.3 * t)
+    y = slide.simulate(drive + rng.normal(0.0, 0.3, t.size), dt=DT).y[0]
+    y = 1e-6 * np.round(1e6 * (y + rng.normal(0.0, 2e-6, t.size)))
+    record = dfc.Record(t[:5000], drive[1300:], y[1300:])
+    dfc.effects.register_effect(MaxwellSlip)
+    off = slide.replace(mass=2.3, effects=(MaxwellSlip(5e4, 2.5, 1e4, 1.5),))
+    found = dfc.fit(off, record, free=("mass", "maxwell_slip"))
+    for name, value in found.parameters.items():
+        true = slide.mass if name == "mass" else getattr(SLIP, name.partition(".")[2])
+        assert abs(value - true) < 3.0 * found.standard_errors[name] < 0.3 * true, name

@@ -295,7 +295,7 @@ def _first_stage(plant, drive, t0, tau, s, rest, work):
 
 
 @step.internal
-def _shorter(plant, drive, t0, tau, s, work, d, error):
+def _shorter_step(plant, drive, t0, tau, s, work, d, error):
     """Length of the sliding step to try instead of one of length d; d if it may stay."""
     size = _size(plant)
     at, end, k = _START * size, _END * size, _STAGES * size
@@ -358,6 +358,21 @@ def _band_crossing(plant, drive, t0, tau, s, work, d):
 
 
 @step.internal
+def _end_inside(plant, drive, t0, tau, s, work, d, inside, end, flips):
+    """How a step below the stick speed ends, and its length; `end`: `_BAND` at its end."""
+    v1 = work[_END * _size(plant) + 1]
+    kind, cut = step._ON, d
+    if s * v1 <= 0.0 and (plant.integers[step.RULE] == step.FILIPPOV or flips == 0):
+        kind = step._ZERO
+        cut = _cut(plant, drive, t0, tau, s, 0.0, work, d, step._ZERO, s * v1)
+    if inside and end <= 0.0:
+        other = _cut(plant, drive, t0, tau, s, 0.0, work, d, step._BAND, end)
+        if kind == step._ON or other < cut:
+            kind, cut = step._BAND, other
+    return kind, cut
+
+
+@step.internal
 def _sliding_end(plant, drive, t0, tau, s, work, d, may, divisible, flips):
     """How a sliding step ends, and its length, see `axis_step._sliding_end`."""
     size, sigma = _size(plant), plant.numbers[step.STICK_SPEED]
@@ -375,25 +390,19 @@ def _sliding_end(plant, drive, t0, tau, s, work, d, may, divisible, flips):
     if not inside and (start <= 0.0 or end <= 0.0):
         upper = s * v1 - sigma
         return step._OUTER, _cut(plant, drive, t0, tau, s, 0.0, work, d, step._OUTER, upper)
-    kind, cut = step._ON, d
-    if may and s * v1 <= 0.0 and (plant.integers[step.RULE] == step.FILIPPOV or flips == 0):
-        kind = step._ZERO
-        cut = _cut(plant, drive, t0, tau, s, 0.0, work, d, step._ZERO, s * v1)
-    if may and inside and end <= 0.0:
-        other = _cut(plant, drive, t0, tau, s, 0.0, work, d, step._BAND, end)
-        if kind == step._ON or other < cut:
-            kind, cut = step._BAND, other
-    return kind, cut
+    if not may:
+        return step._ON, d
+    return _end_inside(plant, drive, t0, tau, s, work, d, inside, end, flips)
 
 
 @step.internal
-def _slide(plant, drive, t0, tau, h, s, work, d, may, flips):
+def _sliding_step(plant, drive, t0, tau, h, s, work, d, may, flips):
     """One sliding step of at most d: how it ends, its length, and that of the next one to try."""
     _stride(plant, drive, t0, tau, s, 0.0, work, d)
     error = _step_error(plant, s, work, d)
     divisible = d > step.SHORTEST * h
     if divisible:
-        cut = _shorter(plant, drive, t0, tau, s, work, d, error)
+        cut = _shorter_step(plant, drive, t0, tau, s, work, d, error)
         if cut < d:
             return step._DIVIDED, cut, cut
     elif error == math.inf:
@@ -420,7 +429,7 @@ def _load_rate(plant, drive, t0, tau, rest, work, d, start):
 
 
 @step.internal
-def _stay(plant, drive, t0, tau, h, rest, work, d, may):
+def _rest_step(plant, drive, t0, tau, h, rest, work, d, may):
     """One step at rest of at most d: how it ends, its length, and that of the next one to try."""
     _stride(plant, drive, t0, tau, 0.0, rest, work, d)
     error = _step_error(plant, 0.0, work, d)
@@ -451,7 +460,7 @@ def _stay(plant, drive, t0, tau, h, rest, work, d, may):
 
 
 @step.internal
-def _accept(plant, work):
+def _begin_at_end(plant, work):
     """Begin the next step where the last one ended, with the rates of its last stage."""
     size = _size(plant)
     start, end, k = _START * size, _END * size, _STAGES * size
@@ -485,35 +494,32 @@ def _advance(plant, drive, t0, h, memory, work, events, count):
     first = mode
     work[at], work[at + 1] = memory[step.X], seen
     tau, longest, fresh = 0.0, h, True
-    switches, flips = 0, 0
-    close, pause, resume, last = 0, step.CLOSE * h, 0.0, -h
+    switches = flips = close = 0
+    # The mode is held from one switch too close to the last one to `resume`, see `switching_pause`.
+    pause, resume, last = step.CLOSE * h, 0.0, -h
     while tau < h:
-        # The mode is held until `resume`, see `switching_pause`.
-        bound = h if tau >= resume else min(resume, h)
         may = tau >= resume and switches < count[step.MOST]
         s = float(mode)
         if fresh:
             _first_stage(plant, drive, t0, tau, s, rest, work)
             fresh = False
+        bound = h if tau >= resume else min(resume, h)
         d = min(longest, bound - tau, plant.numbers[step.SHORT_TIME])
         if mode == 0:
-            kind, d, longest = _stay(plant, drive, t0, tau, h, rest, work, d, may)
+            kind, d, longest = _rest_step(plant, drive, t0, tau, h, rest, work, d, may)
         else:
-            kind, d, longest = _slide(plant, drive, t0, tau, h, s, work, d, may, flips)
+            kind, d, longest = _sliding_step(plant, drive, t0, tau, h, s, work, d, may, flips)
         if kind == step._DIVIDED:
             continue
         tau += d
         rest = rest + d if mode == 0 else 0.0
         fresh = _to_limits(plant, drive, t0, tau, s, rest, work) or kind != step._ON
-        _accept(plant, work)
+        _begin_at_end(plant, work)
         if kind == step._ON or kind == _LIMIT:
-            if tau + step.SHORTEST * h >= h:
-                tau = h
+            tau = h if tau + step.SHORTEST * h >= h else tau
             continue
         longest = h
-        if kind == step._ZERO and plant.integers[step.RULE] == step.PAPER:
-            # The printed rule alone would switch endlessly inside the sample.
-            flips += 1
+        flips += kind == step._ZERO and plant.integers[step.RULE] == step.PAPER
         after, work[at + 1] = _mode_after(plant, drive, t0, tau, work, mode, rest, kind, d)
         if after != mode:
             switches += 1

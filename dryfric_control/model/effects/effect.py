@@ -847,23 +847,29 @@ def _check_numbers(cls: type[Effect]) -> None:
         )
     if cls.action not in _BY_LAW:
         return
+    for name in ("law", "flow", "jump"):
+        if getattr(cls, name, None) is not None:
+            _check_numbers_of(cls, name)
+
+
+def _check_numbers_of(cls: type[Effect], name: str) -> None:
+    """Refuse a law, flow or jump that reads a number beyond parameters and states."""
+    law: Any = getattr(cls, name)
+    law = getattr(law, "py_func", law)
     bounds = [item.metadata["bounds"] for item in fields(cls)]
     values = [min(max(1.0, low), high) for low, high in bounds]
     p = _Numbers([*values, *(0.0 for _ in cls.states)])
     has = f"p[0] to p[{len(p) - 1}]" if p else "no parameter"
-    numbered = [(i,) for i in range(len(cls.states))]
-    for name, first in (("law", [()]), ("flow", numbered), ("jump", numbered)):
-        law: Any = getattr(cls, name, None)
-        law = getattr(law, "py_func", law)
-        for state in itertools.product(first, *_TRIED) if law is not None else ():
-            try:
-                law(*state[0], *state[1:], p)
-            except _NumberError as wrong:
-                raise ValueError(
-                    f"{cls.__name__}.{name} reads p[{wrong}], but the class declares {has}"
-                ) from None
-            except Exception:  # its own numbers, or what only the compiler knows
-                continue
+    numbers = [()] if name == "law" else [(i,) for i in range(len(cls.states))]
+    for number, state in itertools.product(numbers, itertools.product(*_TRIED)):
+        try:
+            law(*number, *state, p)
+        except _NumberError as wrong:
+            raise ValueError(
+                f"{cls.__name__}.{name} reads p[{wrong}], but the class declares {has}"
+            ) from None
+        except Exception:  # its own numbers, or what only the compiler knows
+            continue
 
 
 # Compiled laws, flows and jumps stay alive here: the kernel holds only their addresses.

@@ -204,3 +204,13 @@ def test_it_is_fitted_to_a_record_that_begins_within_the_motion(coulomb):
     for name, value in found.parameters.items():
         true = slide.mass if name == "mass" else getattr(SLIP, name.partition(".")[2])
         assert abs(value - true) < 3.0 * found.standard_errors[name] < 0.3 * true, name
+
+
+def test_windows_of_a_record_pass_its_states_on():
+    slide = AXIS.replace(coulomb=0.5, stick_speed=1e-4, effects=(SLIP,))
+    t = np.arange(2000) * DT
+    drive = 14.0 * np.sin(7.0 * t) + 6.0 * np.sin(31.0 * t)
+    x = slide.simulate(drive, dt=DT).y[0]
+    record = dfc.Record(t, drive, x, quantum=1e-9)
+    off = dfc.replay(slide, record).positions - x
+    assert np.abs(off).max() < 0.05 * np.abs(SLIP.limits).min()

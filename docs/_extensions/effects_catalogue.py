@@ -32,6 +32,7 @@ ACTS_ON = {
     "lag": "filters the drive force",
     "contact": "makes the contact elastic",
     "transmission": "splits the mass into motor and load",
+    "memory": "adds a force, or friction, from states of its own",
 }
 HEAD = """\
 # The effects

@@ -118,7 +118,9 @@ STRUCTURE, N_NUMBERS, RIGID_TASK, TASK, N_PEAKED, N_READING, N_CARRIED = range(8
 #: Number of inputs at which the input laws bend, and the index of the first among the numbers;
 #: N_BENDING: number of force and level laws that bend over velocity; N_EDGES: number of places at
 #: which they bend, which follow the corners.
-N_CORNERS, CORNERS, N_DRIVEN, N_BENDING, N_EDGES, LAWS = range(15, 21)
+#: N_STATES: number of states of effects with a memory; STATES: index among the integers of the
+#: first of their rows, see `states`; N_COPIED: length of the numbers.
+N_CORNERS, CORNERS, N_DRIVEN, N_BENDING, N_EDGES, N_STATES, STATES, N_COPIED, LAWS = range(15, 24)
 
 #: Places, before the first parameter of a law, of the largest slopes of its force: over time and
 #: time at rest, place, velocity, and load.  RELATIVE is 1 where they are parts of the level; BEND
@@ -133,12 +135,14 @@ SPRING = 4
 ON_LOAD = 8
 #: Of two masses the motor has the friction, and all forces.
 MOTOR_RUBS = 16
+#: Effects have states of their own, see `states`.
+REMEMBERS = 32
 #: Tasks of the functions at RIGID_TASK and TASK.
 ADVANCE = 0
 _LOOK = 1
 SETTLE = 2
 
-#: Indices in the memory of an axis; the delay line follows.
+#: Indices in the memory of an axis; the delay line follows, then the states of effects.
 #: Position and velocity are those of the motor.  Inner states: deflection of the
 #: contact; position and velocity of the load minus those of the motor.
 X, V, MODE, REST, LAGGED, DEFLECTION, OFFSET, SLIP, HISTORY = range(9)

@@ -24,6 +24,12 @@ from numba import njit
 from dryfric_control.compiled import axis_step as step
 from dryfric_control.compiled import elastic, two_masses
 from dryfric_control.compiled.likelihood import FIRST, cost_of
+from dryfric_control.compiled.states import (
+    keep_states,
+    return_states,
+    shift_states,
+    show_states,
+)
 
 #: Squared innovation over its variance beyond which a reading gets a lower weight.
 DOUBTED = 9.0
@@ -85,6 +91,17 @@ def _slopes(plant, t, x, v, held, s, dx, k):
     if laws > 0 or i[step.N_PLUS] + i[step.N_MINUS] > 2:
         by_x = (_rate(plant, held, t, x + dx, v, s) - k) / dx
     return by_x, by_v
+
+
+@step.internal
+def _slope_by_states(plant, t, m, held, s, dx, k):
+    """Change of the sliding acceleration k with states that follow the position."""
+    way = math.copysign(dx, s)  # along the motion: a state at its limit stays there
+    keep_states(plant, m)
+    shift_states(plant, t, m, held.start, way)
+    slope = (_rate(plant, held, t, m[step.X], m[step.V], s) - k) / way
+    return_states(plant, m)
+    return slope
 
 
 @step.internal
@@ -404,6 +421,8 @@ def _predict(plant, m, events, count, t, dt, u0, end, x, v, mode, two, plain, fi
             x += m[step.OFFSET]  # of the load, on which all forces act
         k1 = _rate(plant, held, t, x, v, float(mode))
         by_x, by_v = _slopes(plant, t, x, v, held, float(mode), dx, k1)
+        if plant.integers[step.N_STATES] > 0:
+            by_x += _slope_by_states(plant, t, m, held, float(mode), dx, k1)
     calm = False
     x1 = x
     v1 = v
@@ -799,6 +818,7 @@ def _innovations(
     count = step.empty_tally(memory[size : size + step.ROOM], step.FEW_SWITCHES)
     counted = step.pointer(count)
     structure = integers[step.STRUCTURE]
+    remembers = structure & step.REMEMBERS != 0
     contact = structure & step.CONTACT != 0
     bristles = contact and numbers[step.BRISTLES] != 0.0
     on_load = structure & step.ON_LOAD != 0
@@ -866,6 +886,8 @@ def _innovations(
         if known.shape[0] > 0:
             step.set_known_force(plant, t, dt, known, k - 1, first)
         end = u[k] if first else u[k - 1]
+        if remembers:
+            show_states(plant, m)
         x = memory[step.X]
         v = memory[step.V]
         mode = int(memory[step.MODE])
@@ -892,7 +914,9 @@ def _innovations(
             # Advance the drive; the axis stays at rest.
             rest = memory[step.REST] + dt
             count[0] = 0
+            keep_states(plant, m)
             step.sample(plant, t, dt, u[k - 1], end, m, events, counted)
+            return_states(plant, m)
             memory[step.X], memory[step.V] = x, 0.0
             memory[step.MODE], memory[step.REST] = 0.0, rest
             p += _CREEP * spot
@@ -957,6 +981,7 @@ def _innovations(
         # Reading.
         x = memory[step.X]
         v = memory[step.V]
+        x_free = x
         v_free = v
         out[0, k] = 0.0
         out[1, k] = 0.0
@@ -1019,6 +1044,9 @@ def _innovations(
             if contact and not spring and memory[step.MODE] == 0.0:
                 z = memory[step.DEFLECTION] + by_x * e - to_anchor * outside
                 memory[step.DEFLECTION] = _clip_deflection(plant, x, z) if bristles else z
+            if remembers:
+                drive = step.drive_now(plant, t + dt, dt, m, end)
+                shift_states(plant, t + dt, m, drive, x - x_free)
         if not (abs(x - y[0]) < _LOST * span and abs(v) * dt < farthest):
             out[0, k:n], out[1, k:n] = np.inf, 1.0
             return

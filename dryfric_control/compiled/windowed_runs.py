@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from dryfric_control.compiled import axis_step
+from dryfric_control.compiled.states import first_state, follow_motion, forget_states
 
 # Search for a start state (`benchmarks/diagnosis.py`, exact and off).
 # Fractions of a step that are tried in turn.
@@ -151,10 +152,12 @@ def _lag_state(plant, w, k, state):
 
 
 @axis_step.internal
-def _copy_inner(memory, inner):
-    """Copy the inner states at one instant into `inner`."""
+def _copy_inner(plant, memory, inner):
+    """Copy the inner states at one instant into `inner`; those of effects come last."""
     inner[0], inner[1] = memory[axis_step.DEFLECTION], memory[axis_step.OFFSET]
     inner[2], inner[3] = memory[axis_step.SLIP], memory[axis_step.MODE]
+    for j in range(plant.integers[axis_step.N_STATES]):
+        inner[axis_step.N_INNER + 1 + j] = memory[first_state(plant) + j]
 
 
 @axis_step.internal
@@ -162,6 +165,8 @@ def _restore(plant, inner, memory):
     """Restore inner states at the position and velocity in memory; a stuck load stays stuck."""
     memory[axis_step.DEFLECTION], memory[axis_step.OFFSET] = inner[0], inner[1]
     memory[axis_step.SLIP], memory[axis_step.MODE] = inner[2], inner[3]
+    for j in range(plant.integers[axis_step.N_STATES]):
+        memory[first_state(plant) + j] = inner[axis_step.N_INNER + 1 + j]
     kind = plant.integers[axis_step.STRUCTURE] & (axis_step.CONTACT | axis_step.MOTOR_RUBS)
     if kind == 0 and inner[2] != 0.0 and inner[3] == 0.0:
         memory[axis_step.SLIP] = -memory[axis_step.V]
@@ -171,8 +176,8 @@ def _restore(plant, inner, memory):
 def _begin(run, w, i, x0, v0, inner):
     """Memory at the first sample of window i; without inner states, an axis at rest.
 
-    The last entry of `inner` is the time at rest.  The previous run knows it more
-    precisely than the readings: it contains the instant of the stop.
+    `inner` contains the time at rest behind the states that the kernel knows.  The previous run
+    knows it more precisely than the readings: it contains the instant of the stop.
     """
     plant = run.plant
     memory = run.memory
@@ -195,7 +200,7 @@ def _begin(run, w, i, x0, v0, inner):
     if plant.integers[axis_step.STRUCTURE] != 0:
         if np.isnan(inner[0]):
             axis_step.settle(plant, w.t0 + a * w.dt, w.dt, state, w.u[a])
-            _copy_inner(memory, inner)
+            _copy_inner(plant, memory, inner)
         _restore(plant, inner, memory)
         if plant.integers[axis_step.STRUCTURE] & axis_step.ON_LOAD:
             # The start state is that of the load.
@@ -253,9 +258,15 @@ def _free_run(run, w, i, x0, v0, inner, out):
 
 
 @axis_step.internal
-def _end(memory, after):
+def _passed_on(axis):
+    """Number of values that a window passes on: inner states, time at rest, states of effects."""
+    return axis_step.N_INNER + 1 + axis.integers[axis_step.N_STATES]
+
+
+@axis_step.internal
+def _end(plant, memory, after):
     """Copy what a run passes on: its inner states and its time at rest."""
-    _copy_inner(memory, after)
+    _copy_inner(plant, memory, after)
     at_rest = memory[axis_step.MODE] == 0.0
     after[axis_step.N_INNER] = memory[axis_step.REST] if at_rest else 0.0
 
@@ -281,12 +292,12 @@ def free_runs(axis, w, active, out):
     time at rest at the end of the previous one, if that was run.
     """
     run = _run_of(axis)
-    inner = np.full(axis_step.N_INNER + 1, np.nan)
+    inner = np.full(_passed_on(axis), np.nan)
     for i in range(w.edges.shape[0] - 1):
         if active[i]:
             _inner_at(run, w, i, np.nan, inner)
             _free_run(run, w, i, w.x0[i], w.v0[i], inner, out)
-            _end(run.memory, inner)
+            _end(run.plant, run.memory, inner)
         else:
             inner[:] = np.nan
 
@@ -331,7 +342,7 @@ def _search_start(run, w, i, search, rounds, dx, dv, inner, scratch, out, tried,
     x0 = w.x0[i]
     v0 = w.v0[i]
     _free_run(run, w, i, x0 + dx, v0 + dv, inner, out)
-    _end(run.memory, after)
+    _end(run.plant, run.memory, after)
     cost = _cost(w, i, out, dx, dv, scale)
     hx = _SLOPE * w.x_error[i]
     hv = _SLOPE * w.v_error[i]
@@ -371,7 +382,7 @@ def _search_start(run, w, i, search, rounds, dx, dv, inner, scratch, out, tried,
                     dv = tv
                     cost = new
                     _copy(tried, a, b, out)
-                    _end(run.memory, after)
+                    _end(run.plant, run.memory, after)
                     break
             if fell < _OLD_SLOPES * promised:
                 break
@@ -389,11 +400,11 @@ def project(axis, w, search, at):
     make the cost rugged, and from other positions of the load in its play.
     """
     run = _run_of(axis)
-    n_inner = axis_step.N_INNER
+    passed_on = _passed_on(axis)
     n = w.x.shape[0]
-    inner = np.full(n_inner + 1, np.nan)
-    after = np.empty(n_inner + 1)
-    other = np.empty(n_inner + 1)
+    inner = np.full(passed_on, np.nan)
+    after = np.empty(passed_on)
+    other = np.empty(passed_on)
     out = np.empty(n)
     tried = np.empty(n)
     better = np.empty(n)
@@ -446,22 +457,35 @@ def project(axis, w, search, at):
                 found = new
                 best = place if turn >= tries else best
                 _copy(better, a, b, out)
-                _copy(other, 0, n_inner + 1, after)
+                _copy(other, 0, passed_on, after)
         starts[0, i], starts[1, i], starts[2, i] = found.dx, found.dv, best
         at.costs[i] = found.cost if active else 0.0
         for k in range(a, b):
             at.errors[k] = out[k] - w.x[k]
-        _copy(after, 0, n_inner + 1, inner)
+        _copy(after, 0, passed_on, inner)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def accelerations(numbers, integers, t, x, v, u, known, direction, out):
-    """Acceleration of the sliding mode at given states, into `out`; `known`: force, or (0,)."""
+    """Acceleration of the sliding mode at given states, into `out`; `known`: force, or (0,).
+
+    The states of effects follow the motion from one to the next, as long as time goes on.
+    """
     own = numbers.copy()
+    remembers = integers[axis_step.STRUCTURE] & axis_step.REMEMBERS != 0
+    plant = axis_step.point(own, integers)
     for k in range(t.shape[0]):
+        dt = t[k] - t[k - 1] if k > 0 else 0.0
+        if remembers and dt > 0.0:
+            way = x[k] - x[k - 1]
+            s = float(direction[k - 1])
+            follow_motion(plant, t[k - 1], x[k - 1], way / dt, u[k - 1], s, dt)
+        elif remembers:
+            forget_states(plant)
         if known.shape[0] > 0:
             own[axis_step.KNOWN_FORCE] = known[k]
         out[k] = axis_step.mode_rate(own, integers, t[k], x[k], v[k], u[k], direction[k])[0]
+    axis_step.keep_alive(own)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -42,6 +42,8 @@ _MIN_VISIBLE_LENGTH = 0.1
 _MIN_READING_ERROR = 0.5
 # Actions of which an axis has at most one effect.
 EXCLUSIVE_ACTIONS = ("delay", "lag", "contact", "transmission")
+# Of them, those that no effect with states of its own can stand beside.
+_ELASTIC_ACTIONS = EXCLUSIVE_ACTIONS[2:]
 
 
 @dataclass(frozen=True)
@@ -52,10 +54,21 @@ class Start:
     free: tuple[str, ...]
 
 
+def excluded_actions(actions: Iterable[str]) -> set[str]:
+    """Actions of effects that an axis cannot have beside those of some actions."""
+    present = set(actions)
+    excluded = present.intersection(EXCLUSIVE_ACTIONS)
+    if "memory" in present:
+        excluded.update(_ELASTIC_ACTIONS)
+    if not present.isdisjoint(_ELASTIC_ACTIONS):
+        excluded.add("memory")
+    return excluded
+
+
 def catalogue(axis: FrictionAxis, found: Sequence[str] = ()) -> tuple[str, ...]:
     """Names of effects to try on an axis: its own, all others, of repeatable ones one more."""
     present = named(axis)
-    actions = {e.action for e in axis.effects}
+    excluded = excluded_actions(e.action for e in axis.effects)
     names = []
     for slug, effect in REGISTRY.items():
         if slug in BASE:
@@ -63,7 +76,7 @@ def catalogue(axis: FrictionAxis, found: Sequence[str] = ()) -> tuple[str, ...]:
         alike = [n for n in present if class_of(n) is effect]
         if alike:
             alike += [f"{slug}_{len(alike) + 1}"] if effect.repeats else []
-        elif effect.action not in actions.intersection(EXCLUSIVE_ACTIONS):
+        elif effect.action not in excluded:
             alike = [slug]
         names += [n for n in alike if n not in found]
     return tuple(names)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.diagnosis.candidates import (
-    EXCLUSIVE_ACTIONS,
     effect_class,
+    excluded_actions,
     forms,
     held_by,
     with_effect,
@@ -603,7 +603,7 @@ class Gram:
         names = {self.items[g].name for g in chosen}
         # Two that build friction up after a reversal do not add up: one gives way to the other.
         builds_up = any(_builds_up(n) for n in names)
-        actions = {effect_class(n).action for n in names - {REVERSAL}} & {*EXCLUSIVE_ACTIONS}
+        actions = excluded_actions(effect_class(n).action for n in names - {REVERSAL})
         some = [
             g
             for g, one in enumerate(self.items)

@@ -97,11 +97,17 @@ _RANDOM_FORCE_LIMITS = (1e-5, 10.0)
 
 
 # Actions of effects that are no force on the mass of a sliding axis.
-_FORCELESS_ACTIONS = ("delay", "lag", "contact", "transmission", "reading")
+_FORCELESS_ACTIONS = ("delay", "lag", "contact", "transmission", "memory", "reading")
 # Those of them that shift the drive in time.
 _TIMING_ACTIONS = ("delay", "lag")
 # Numbers of an effect without a state of its own.
 _RIGID = Inner()
+
+
+def _is_rigid(axis: FrictionAxis, but: Sequence[str] = ()) -> bool:
+    """Whether the states of an axis are those of its motion and its drive, but for some actions."""
+    acting = [e for e in axis.effects if e.action not in (*_TIMING_ACTIONS, *but)]
+    return all(e.action != "memory" and e.inner(axis) == _RIGID for e in acting)
 
 
 def recursion(axis: FrictionAxis, dt: float, states: FloatArray, fast: bool) -> Recursion:
@@ -596,8 +602,7 @@ class Likelihood:
     @property
     def is_recursive(self) -> bool:
         """Whether slopes with forces come from the filter's linear recursion: of a rigid axis."""
-        acting = [e for e in self.axis.effects if e.action not in _TIMING_ACTIONS]
-        return all(e.inner(self.axis) == _RIGID for e in acting)
+        return _is_rigid(self.axis)
 
     def _slope_of_force(
         self, z: FloatArray, point: Point, i: int, j: int, slope: FloatArray
@@ -612,8 +617,7 @@ class Likelihood:
         run, states = self.runs[i], point.states[i]
         axis = self.axis_at(z, i)
         # A contact that slides passes on the level, as friction of a rigid axis does.
-        others = [e for e in axis.effects if e.action not in (*_TIMING_ACTIONS, "contact")]
-        if any(e.inner(axis) != _RIGID for e in others):
+        if not _is_rigid(axis, ("contact",)):
             return False
         moved = z.copy()
         step = self.steps[j]

@@ -18,6 +18,7 @@ from dryfric_control.compiled import (
     compensation,
     elastic,
     observer,
+    states,
 )
 from dryfric_control.export import entries
 from dryfric_control.export import translate as c
@@ -137,7 +138,7 @@ class Exported:
             type(effect)
             for axis in (self.axis, *self.more)
             for effect in axis.effective().effects
-            if effect.action in ("input", "force", "friction", "reading")
+            if effect.action in ("input", "force", "friction", "reading", "memory")
         }
 
     def translation(self, single: bool) -> tuple[Translator, Function, Function | None]:
@@ -148,8 +149,13 @@ class Exported:
                 axis_step._rigid_task,
             )
         }
-        laws |= {law_address(kind): (kind.slug, kind.law) for kind in self._effects()}
-        if self.moves and self.tables["integers"][axis_step.STRUCTURE]:
+        for kind in self._effects():
+            for name in ("law", "flow", "jump"):
+                laws[law_address(kind, name)] = (kind.slug, getattr(kind, name))
+        structure = self.tables["integers"][axis_step.STRUCTURE] if self.moves else 0
+        if structure & axis_step.REMEMBERS:
+            laws[states.states_task().address] = ("states", states._states_task)
+        elif structure:
             laws[elastic.inner_task().address] = (
                 "inner",
                 elastic._inner_task,

@@ -24,9 +24,9 @@ from typing import Any
 
 import numpy as np
 
-from dryfric_control.compiled import axis_step
+from dryfric_control.compiled import axis_step, states
 from dryfric_control.export import entries
-from dryfric_control.model.effects.effect import read_by
+from dryfric_control.model.effects.effect import read_by, read_by_flow
 from dryfric_control.text import wrap_lines
 
 #: Passes of one search loop at most: none is met before its own end.
@@ -168,6 +168,8 @@ _COMPARE: dict[type, tuple[str, Callable[..., Any]]] = {
     ast.Eq: ("==", operator.eq),
     ast.NotEq: ("!=", operator.ne),
 }
+#: Names in a loop over laws, or over states of effects, which is written out.
+_BY_LAW = frozenset(("_law", "LAWS", "STATES"))
 #: Arguments for whose value a function is written anew, where that is known.
 _KNOWN = ("dt", "corner", "task", "place")
 
@@ -685,7 +687,7 @@ class _Body:
         start, stop, step = self._range(node)
         known = (start.known, stop.known, step.known)
         turns = None if None in known else range(*known)
-        if turns is not None and (not turns or {"_law", "LAWS"} & _names(node.body).keys()):
+        if turns is not None and (not turns or _BY_LAW & _names(node.body).keys()):
             self._unroll(node, list(turns))
             return
         if not isinstance(node.target, ast.Name):
@@ -1326,6 +1328,27 @@ def _law(body: _Body, node: ast.Call) -> Value:
     return body.call(law, [*rest, numbers], node, f"dfc_law_{name}")
 
 
+def _flow(body: _Body, node: ast.Call, place: int, kind: str) -> Value:
+    """Flow or jump of a state, whose row holds its address at a place."""
+    plant, row, *rest = [body.value(a) for a in node.args]
+    assert isinstance(plant.kind, Axis)
+    integers = plant.kind.integers
+    law = integers[row.known + states.LAW_OF]
+    name, function = body.out.laws[integers[row.known + place]]
+    read = read_by_flow(function)
+    time, length = body.out.periods.get((integers, law), (math.inf, math.inf))
+    rest = [body.real(value) for value in rest]
+    if "t" in read:
+        rest[0] = _unshifted_value(body, rest[0], "t", time)
+    if "x" in read:
+        rest[1] = _unshifted_value(body, rest[1], "x", length)
+    body.out.rests |= "rest" in read
+    number = body.constant(integers[row.known + states.NUMBER], node)
+    text = f"{plant.in_parentheses(_SUM)} + {integers[axis_step.LAWS + 2 * law + 1]}"
+    numbers = Value(text, Pointer("p", "f", True), binds=_SUM, reads=plant.reads)
+    return body.call(function, [number, *rest, numbers], node, f"dfc_{kind}_{name}")
+
+
 def _task(body: _Body, node: ast.Call) -> Value:
     address, *given = [body.value(a) for a in node.args]
     _, task = body.out.laws[address.known]
@@ -1343,6 +1366,8 @@ _SPECIAL: dict[Any, Callable[[_Body, ast.Call], Value]] = {
     np.empty: _local,
     np.zeros: _local,
     axis_step._law: _law,
+    states._flow: lambda body, node: _flow(body, node, states.FLOW_OF, "flow"),
+    states._jump: lambda body, node: _flow(body, node, states.JUMP_OF, "jump"),
     axis_step.base_level: _base_level,
     axis_step._call_task: _task,
 }

@@ -25,13 +25,20 @@ from dryfric_control.checks import (
     string,
 )
 from dryfric_control.compiled import axis_step, elastic
+from dryfric_control.compiled.states import BLOCKS, states_task
 from dryfric_control.compiled.windowed_runs import NO_FORCE
 from dryfric_control.drawing import axes_of, control_plot, legend_above, title_above
 from dryfric_control.model.axis_arguments import with_inertia, with_mass
 from dryfric_control.model.block import Block
 from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.drive import input_corners
-from dryfric_control.model.effects.effect import WITH_STATE, Inner, Slopes, law_address
+from dryfric_control.model.effects.effect import (
+    REMEMBERING,
+    WITH_STATE,
+    Inner,
+    Slopes,
+    law_address,
+)
 from dryfric_control.model.effects.naming import named
 from dryfric_control.model.friction import CoulombMap, Stribeck, middle_level
 from dryfric_control.model.friction_curve import draw_friction, usual_speed
@@ -73,6 +80,12 @@ class Arrays(NamedTuple):
     numbers: Floats
     integers: Ints
     memory: int  # length of the memory that a run needs
+
+    @property
+    def states(self) -> int:
+        """Length of its part that contains the state; what follows is room to work in."""
+        history = int(self.integers[axis_step.N_HISTORY])
+        return axis_step.HISTORY + 2 * history + int(self.integers[axis_step.N_STATES])
 
     def start_memory(self, x0: float, v0: float) -> Floats:
         """Memory of an axis that starts at a position with a velocity."""
@@ -865,8 +878,10 @@ def inner_of(axis: FrictionAxis) -> Inner:
 def rigid_inner(axis: FrictionAxis) -> Inner:
     """The same of an axis whose modes are linear systems; others are refused."""
     inner = inner_of(axis)
-    if inner.contact > 0.0 or inner.half_gap > 0.0 or inner.stiffness > 0.0:
-        elastic = [e.slug for e in axis.effects if e.action in ("contact", "transmission")]
+    remembering = any(e.action == "memory" for e in axis.effects)
+    if inner.contact > 0.0 or _has_transmission(inner) or remembering:
+        actions = ("contact", "transmission", "memory")
+        elastic = [e.slug for e in axis.effects if e.action in actions]
         raise ValueError(
             f"a mode has no place for {' and '.join(elastic)}: leave it out, as in "
             "axis.replace(effects=...), or linearise the whole axis where it moves, "
@@ -876,7 +891,7 @@ def rigid_inner(axis: FrictionAxis) -> Inner:
     return inner
 
 
-def without_effects(axis: FrictionAxis, actions: Iterable[str] = WITH_STATE) -> FrictionAxis:
+def without_effects(axis: FrictionAxis, actions: Iterable[str] = REMEMBERING) -> FrictionAxis:
     """Axis without effects of some actions; by default without all that have states."""
     return axis.replace(effects=tuple(e for e in axis.effects if e.action not in actions))
 
@@ -953,14 +968,15 @@ def _has_transmission(inner: Inner) -> bool:
     return inner.half_gap > 0.0 or inner.stiffness > 0.0
 
 
-def _structure_flags(inner: Inner) -> int:
-    """Flags of the inner states of an axis."""
+def _structure_flags(inner: Inner, remembers: bool) -> int:
+    """Flags of the inner states of an axis; `remembers`: whether effects have some."""
     return (
         axis_step.CONTACT * (inner.contact > 0.0)
         | axis_step.PLAY * (inner.half_gap > 0.0)
         | axis_step.SPRING * (inner.stiffness > 0.0)
         | axis_step.ON_LOAD * (_has_transmission(inner) and inner.on_load > 0.0)
         | axis_step.MOTOR_RUBS * (inner.motor_rubs > 0.0)
+        | axis_step.REMEMBERS * remembers
     )
 
 
@@ -977,6 +993,27 @@ def _check_effects(effects: tuple[Effect, ...]) -> None:
         if len(alike) > 1:
             mend = "keep one" if action in ("contact", "transmission") else "add them up"
             raise ValueError(f"effects holds more than one {action} ({', '.join(alike)}): {mend}")
+    memories = [effect.slug for effect in effects if effect.action == "memory"]
+    elastic = [effect.slug for effect in effects if effect.action in ("contact", "transmission")]
+    if memories and elastic:
+        raise ValueError(
+            f"effects holds states of {' and '.join(memories)} beside {' and '.join(elastic)}: "
+            "an axis has either; keep one"
+        )
+    for effect in effects:
+        if effect.action == "memory":
+            _check_limits(effect)
+
+
+def _check_limits(effect: Effect) -> None:
+    """Refuse limits that do not fit the states, which begin at zero."""
+    given = np.array(effect.limits, dtype=float)
+    fits = given.shape == (len(effect.states), 2)
+    if not fits or not np.all((given[:, 0] <= 0.0) & (given[:, 1] >= 0.0)):
+        raise ValueError(
+            f"{effect.slug}.limits must be (low, high) for each of {', '.join(effect.states)}, "
+            f"low <= 0 <= high, got {effect.limits!r}"
+        )
 
 
 def _base_numbers(axis: FrictionAxis, inner: Inner, friction_mass: float) -> list[float]:
@@ -1011,6 +1048,8 @@ def _edges(axis: FrictionAxis) -> list[float]:
 def _task_addresses(structure: int) -> tuple[int, int]:
     """Addresses of the functions that move an axis without, and with, its inner states."""
     rigid = axis_step.rigid_task().address
+    if structure & axis_step.REMEMBERS:
+        return rigid, states_task().address
     return rigid, elastic.inner_task().address if structure else rigid
 
 
@@ -1027,13 +1066,33 @@ def _append_load_side(
     numbers[load + axis_step.BEHIND] = 1.0
 
 
+def _append_states(numbers: list[float], effect: Effect, law: int) -> list[int]:
+    """Append room for the states of an effect, and their limits; the rows of the states."""
+    first, n = len(numbers), len(effect.states)
+    if n == 0:
+        return []
+    numbers += [0.0] * n
+    numbers += [value for limits in effect.limits for value in limits]
+    flow, jump = (law_address(type(effect), name) for name in ("flow", "jump"))
+    rows = ((first + i, first + n + 2 * i, i, law, flow, jump) for i in range(n))
+    return [entry for row in rows for entry in row]
+
+
+def _state_room(integers: list[int]) -> int:
+    """Numbers that effects with a memory need in that of a run: states, and room to work in."""
+    n = integers[axis_step.N_STATES]
+    return n + BLOCKS * (n + 2) + integers[axis_step.N_COPIED] if n else 0
+
+
 @functools.lru_cache(maxsize=1024)
 def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
     axis = axis.effective()
-    by_action = {
-        action: [e for e in axis.effects if e.action == action]
-        for action in ("input", "force", "friction", "reading")
+    by_action: dict[str, list[Effect]] = {
+        action: [] for action in ("input", "force", "friction", "reading")
     }
+    for effect in axis.effects:
+        action = effect.adds_to if effect.action == "memory" else effect.action
+        by_action.get(action, []).append(effect)
     forces = sorted(by_action["force"], key=lambda effect: effect.depends_on_speed)
     # A share of the level, by place or time, is a share of the level of each direction.
     levels = sorted(
@@ -1059,7 +1118,7 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
         *axis.coulomb.minus,
     ]
     history = _history_length(axis, inner, dt)
-    structure = _structure_flags(inner)
+    structure = _structure_flags(inner, any(effect.states for effect in laws))
     integers = [
         SWITCHING[axis.switching],
         len(axis.coulomb.plus),
@@ -1080,18 +1139,25 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
         sum(effect.by_drive for effect in levels),
         sum(math.isfinite(slope.bend) for slope in slopes.values()),
         len(edges),
+        sum(len(effect.states) for effect in laws),
+        axis_step.LAWS + 2 * len(laws),
+        0,
     ]
     numbers += [*corners, *edges]
-    for effect in laws:
+    rows: list[int] = []
+    for k, effect in enumerate(laws):
         numbers += slopes.get(effect, Slopes()).within_range()
         integers += [law_address(type(effect)), len(numbers)]
         numbers += effect.values
+        rows += _append_states(numbers, effect, k)
+    integers[axis_step.N_COPIED] = len(numbers)
+    integers += rows
     if _has_transmission(inner):
         _append_load_side(numbers, integers, inner, rubbing)
     result = Arrays(
         np.array(numbers, dtype=float),
         np.array(integers, dtype=np.int64),
-        axis_step.HISTORY + 2 * history,
+        axis_step.HISTORY + 2 * history + _state_room(integers),
     )
     result.numbers.setflags(write=False)
     result.integers.setflags(write=False)

@@ -41,7 +41,7 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
     -------
     control.NonlinearIOSystem
         Input u, held over the sample; outputs x, v, F, mode; states x, v, mode.  Effects with a
-        memory (input delay, actuator lag) add states.
+        memory (input delay, actuator lag, or states of their own) add states.
 
     Notes
     -----
@@ -62,7 +62,7 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
     dt = positive("dt", dt, unit="s")
     check_pace(axis, dt)
     arrays = axis.arrays(dt)
-    size = arrays.memory if any(effect.remembers for effect in axis.effects) else 3
+    size = arrays.states if any(effect.remembers for effect in axis.effects) else 3
 
     def full(x: Any) -> Floats:
         memory = np.zeros(arrays.memory)
@@ -81,7 +81,9 @@ def axis_block(axis: FrictionAxis, dt: float, name: str | None = None) -> ct.Non
         )
 
     states = ["x", "v", "mode", "rest", "lagged", "deflection", "offset", "slip"]
-    states += [f"u{i}" for i in range(arrays.memory - axis_step.HISTORY)]
+    states += [f"u{i}" for i in range(2 * arrays.integers[axis_step.N_HISTORY])]
+    for own, effect in axis.effective().named_effects().items():
+        states += [f"{own}_{state}" for state in effect.states]
     return Block.from_functions(
         update, output, "u", "x v F mode", states[:size], dt, name or axis.name
     )

@@ -166,7 +166,7 @@ class Law(ABC):
         x0 = finite("x0", x0)
         v0 = finite("v0", v0)
         for effect in axis.effects:
-            if effect.action in ("contact", "transmission", "reading"):
+            if effect.action in ("contact", "transmission", "memory", "reading"):
                 raise ValueError(
                     f"law={type(self).__name__}(...) has no place for the effect "
                     f"{effect.slug!r}: leave out the one or the other"

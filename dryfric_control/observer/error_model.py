@@ -177,7 +177,7 @@ def check_detectable(models: Mapping[int, ErrorModel], state: Floats, decay: flo
 
 
 #: What acts through states that the observer does not have, or on what it reads.
-LEFT_OUT = ("contact", "transmission", "reading")
+LEFT_OUT = ("contact", "transmission", "memory", "reading")
 #: Uncertain force as a fraction of the Coulomb level.
 UNCERTAIN_FRACTION = 0.2
 #: Natural frequency without knowledge of the sensor [rad/sample].

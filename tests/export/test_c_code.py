@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import native
 import numpy as np
 import pytest
+from remembering import BOND, SLIP, WARM
 
 import dryfric_control as dfc
 from dryfric_control.export import export_c
@@ -48,6 +49,16 @@ def test_axes_are_the_same_bit_for_bit(tmp_path, seed):
 def test_axes_with_inner_states_are_the_same(tmp_path, kind):
     axis = AXIS.replace(effects=native._STRUCTURES[kind](np.random.default_rng(3)))
     same(native.Native(axis, tmp_path), (U,), axis.simulate(U, 1e-3).y)
+
+
+@needs_gcc
+@pytest.mark.parametrize("effects", [(SLIP,), (SLIP, WARM), (BOND,)], ids=lambda e: e[-1].slug)
+@pytest.mark.parametrize("coulomb", [8.0, 0.0])
+def test_axes_whose_effects_have_states_are_the_same(tmp_path, effects, coulomb):
+    axis = LATE.replace(coulomb=coulomb, effects=(*LATE.effects, *effects))
+    expected = axis.simulate(U, 1e-3)
+    switches = same(native.Native(axis, tmp_path), (U,), expected.y)
+    assert np.array_equal(switches[: len(expected.events.time), 0], expected.events.time)
 
 
 def observed(axis, form="current"):

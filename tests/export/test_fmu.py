@@ -7,6 +7,7 @@ import native
 import numpy as np
 import pytest
 from each_effect import BY_SLUG, EFFECTS
+from remembering import SLIP, WARM
 
 import dryfric_control as dfc
 from dryfric_control.export import export_fmu
@@ -146,6 +147,7 @@ BUILT_IN = {
 APART = "presliding compliance cogging, backlash eccentric_encoder, load_encoder_backlash gravity"
 GROUPS = [tuple(BY_SLUG[slug] for slug in group.split()) for group in APART.split(",")]
 GROUPS.append(tuple(e for e in EFFECTS if all(e not in group for group in GROUPS)))
+GROUPS.append((SLIP, WARM))
 
 
 @pytest.mark.parametrize("effects", GROUPS, ids=lambda effects: effects[0].slug)

@@ -5,6 +5,7 @@ import subprocess
 import native
 import numpy as np
 import pytest
+from remembering import SLIP
 
 import dryfric_control as dfc
 from dryfric_control.compiled import axis_step
@@ -60,7 +61,12 @@ def test_time_at_rest_is_summed_without_loss(tmp_path, more):
 FAR = 5.0
 PLACED = (E.Cogging(1.0, 0.002, 0.4), E.EccentricEncoder(2e-5, 0.001, 0.2), E.Spring(20.0, FAR))
 UNEVEN = dfc.CoulombMap([8.0, 0.2], [7.0, -0.1])
-KINDS = {"plain": (), "contact": (E.Presliding(2e-5),), "spring": (E.Compliance(1e5, 50.0, 0.4),)}
+KINDS = {
+    "plain": (),
+    "contact": (E.Presliding(2e-5),),
+    "spring": (E.Compliance(1e5, 50.0, 0.4),),
+    "memory": (SLIP,),
+}
 
 
 def moving(axis, place=FAR):

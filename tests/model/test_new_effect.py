@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from runpy import run_path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -155,8 +156,29 @@ class BentScale(Foreign):
         return p[0] * x * x
 
 
+@dataclass(frozen=True)
+class RubberSeal(Foreign):
+    """Lip that is bent by 0.4 mm before it slips."""
+
+    hold: float = parameter("N", "force at which it slips", bounds=(0.0, math.inf))
+    slug, action = "rubber_seal", "memory"
+    states: ClassVar = {"bend": "m"}
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):
+        return -p[0] * p[1] / 4e-4
+
+    @staticmethod
+    def flow(i, t, x, v, u, level, direction, rest, p):
+        return v
+
+    @property
+    def limits(self):
+        return ((-4e-4, 4e-4),)
+
+
 TRUE = (
-    BentScale(bend=0.2),
+    BentScale(bend=0.2), RubberSeal(hold=5.0),
     HalfBridge(gain=0.8), Bellows(strength=4000.0), DryCrown(rise=0.6), OneSidedWear(lost=0.2),
     BusCycles(late=6e-3), Hose(fill=9e-3), Bristles(stiffness=8e3), Belt(pitch=20.0),
 )  # fmt: skip

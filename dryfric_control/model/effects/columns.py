@@ -21,6 +21,10 @@ EffectClass = type[Any]
 PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 # Largest number of shapes of an effect that has no columns of its own.
 _MOST_SHAPES = 256
+# Lengths of an effect with a memory, as parts of the travel: a contact gives way by little of it.
+_BENDS = (3e-4, 3e-3, 3e-2)
+# Its forces, as a part of the usual Coulomb level.
+_FORCE = 0.3
 
 
 class View(Protocol):
@@ -121,6 +125,13 @@ def delayed_columns(
 
 def by_law(effect: EffectClass, view: View) -> Iterator[Column]:
     """Columns of an effect over a grid of its parameters, from its law."""
+    if effect.states:
+        # What it does follows from the whole motion before: each shape is simulated.
+        shapes = itertools.product(*(_state_parts(item, view) for item in fields(effect)))
+        for shape in itertools.islice(shapes, _MOST_SHAPES):
+            names = (item.name for item in fields(effect))
+            yield simulated_column(**dict(zip(names, shape, strict=True)))
+        return
     grid = {item.name: _parts(item, view) for item in fields(effect)}
     middle = {name: values[len(values) // 2] for name, values in grid.items()}
     linear = None
@@ -167,6 +178,17 @@ def _parts(item: Any, view: View) -> list[float]:
         # What may have either sign is an amount, the rest may be a place or a pace.
         parts = (0.3, -0.3) if low < neutral else (0.03, 0.1, 0.3, 1.0)
         values = [neutral + part * size for part in parts]
+    return [float(np.clip(value, low, high)) for value in values]
+
+
+def _state_parts(item: Any, view: View) -> list[float]:
+    """The same of an effect with a memory: forces at one size, lengths over a wide range."""
+    force, length, time = powers(item.metadata["unit"])
+    if item.metadata["kind"] != "amount" or (force, length) == (0, 0):
+        return _parts(item, view)
+    low, high = item.metadata["bounds"]
+    size = (_FORCE * view.size) ** force * (view.span / view.fast) ** time
+    values = [size * (part * view.span) ** length for part in (_BENDS if length else (1.0,))]
     return [float(np.clip(value, low, high)) for value in values]
 
 

@@ -18,6 +18,7 @@ from numba import cfunc
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import check_boolean, finite, one_of, positive, string
 from dryfric_control.compiled.axis_step import LAW, MOST_SLOPE
+from dryfric_control.compiled.states import FLOW
 from dryfric_control.model.effects.columns import Column, View, by_law
 from dryfric_control.model.effects.interval import Box, Interval
 from dryfric_control.text import fields_of, list_in_docstring
@@ -30,12 +31,14 @@ else:
 
 #: What an effect may act on; those of the first row act by a law.
 ACTIONS = (
-    *("input", "force", "friction", "reading"),
+    *("input", "force", "friction", "reading", "memory"),
     *("axis", "delay", "lag", "contact", "transmission"),
 )
-_BY_LAW = ACTIONS[:4]
-#: Those with a state of their own, of which an axis holds one each.
-WITH_STATE = ACTIONS[5:]
+_BY_LAW = ACTIONS[:5]
+#: Those with a state that the kernel knows, of which an axis holds one each.
+WITH_STATE = ACTIONS[6:]
+#: All that have states beside position and velocity.
+REMEMBERING = ("memory", *WITH_STATE)
 #: The method that an action needs.
 _METHODS = {
     **dict.fromkeys(_BY_LAW, ("law", "a static method law(t, x, v, u, ..., p)")),
@@ -232,17 +235,24 @@ _FLAGS = {
     "depends_on_time": {"t"},
 }
 _ARGUMENTS = ("t", "x", "v", "u", "level", "direction", "rest", "p")
+#: Those of a flow or a jump: the number of the state comes first.
+_FLOW_ARGUMENTS = ("i", *_ARGUMENTS)
 
 
-def read_by(law: Any) -> set[str]:
-    """Arguments that a law reads, all of them if nobody can see."""
+def read_by(law: Any, arguments: tuple[str, ...] = _ARGUMENTS) -> set[str]:
+    """Arguments that a law, or a flow, reads; all of them if nobody can see."""
     law = getattr(law, "__func__", law)
     code = getattr(getattr(law, "py_func", law), "__code__", None)
-    if code is None or code.co_argcount != len(_ARGUMENTS):
-        return set(_ARGUMENTS)
+    if code is None or code.co_argcount != len(arguments):
+        return set(arguments)
     named = (i.argval for i in dis.get_instructions(code) if "FAST" in i.opname)
     read = {one for names in named for one in ([names] if isinstance(names, str) else names)}
-    return {a for a, name in zip(_ARGUMENTS, code.co_varnames, strict=False) if name in read}
+    return {a for a, name in zip(arguments, code.co_varnames, strict=False) if name in read}
+
+
+def read_by_flow(flow: Any) -> set[str]:
+    """Arguments that a flow or a jump reads; none where there is none."""
+    return read_by(flow, _FLOW_ARGUMENTS) if flow is not None else set()
 
 
 @dataclass(frozen=True)
@@ -264,7 +274,21 @@ class Effect:
       false; of those that it raises, `level` contains what the ones before add, those that depend
       on the direction first: shares of the level multiply;
     - "input": the drive force that replaces `u` [N];
-    - "reading": an addition to the encoder reading [m]; it must change by less than the position.
+    - "reading": an addition to the encoder reading [m]; it must change by less than the position;
+    - "memory": a force added to the drive, or with ``adds_to = "friction"`` an addition to the
+      Coulomb level [N], from states of its own, which `p` contains after the parameters.
+
+    An effect with a memory declares, beside its law,
+
+    1. `states`: a dict of names and units; all are zero at the start;
+    2. ``flow(i, t, x, v, u, level, direction, rest, p)``, compiled: the rate of state i; `u` is the
+       drive force, `level` the Coulomb level of the axis here, in this `direction`, 0 at rest;
+    3. `limits`, a property: lowest and highest value of each state, default none.  A state at a
+       limit stays there while its flow points beyond; a step ends as one gets there;
+    4. ``jump(i, t, x, v, u, level, direction, rest, p)``, compiled, optional: the value of state i
+       after it has got to a limit.
+
+    Flow and law are smooth but at the limits, where the velocity changes its sign, and in `edges`.
 
     Examples
     --------
@@ -309,7 +333,13 @@ class Effect:
     adds_constant: ClassVar[str] = ""
     #: Base parameter with which it trades in a fit, and what separates the two.
     trades: ClassVar[tuple[str, str]] = ("", "")
+    #: Names and units of the states of an effect with a memory.
+    states: ClassVar[dict[str, str]] = {}
+    #: What the law of an effect with a memory adds to: "force" or "friction".
+    adds_to: ClassVar[str] = "force"
     law: ClassVar[Callable[..., float]]
+    flow: ClassVar[Callable[..., float] | None] = None
+    jump: ClassVar[Callable[..., float] | None] = None
     alter: ClassVar[Callable[..., Any]]
 
     def __init_subclass__(cls) -> None:
@@ -318,6 +348,12 @@ class Effect:
         if "law" in own:
             read = read_by(own["law"])
             flags = {flag: not read.isdisjoint(names) for flag, names in _FLAGS.items()}
+            if cls.action == "memory":
+                # Of the other two, the kernel asks for the law alone.
+                whole = read | read_by_flow(cls.flow) | read_by_flow(cls.jump)
+                some = ("depends_on_place", "depends_on_time")
+                flags |= {flag: not whole.isdisjoint(_FLAGS[flag]) for flag in some}
+                flags["remembers"] = True
         elif own.get("action") in WITH_STATE:
             flags = {"remembers": True, "depends_on_place": False}
         for flag in flags.keys() - own.keys():
@@ -341,6 +377,11 @@ class Effect:
         return tuple(getattr(self, item.name) for item in fields(self))
 
     @property
+    def limits(self) -> tuple[tuple[float, float], ...]:
+        """Lowest and highest value of each state, infinite where there is none."""
+        return ((-math.inf, math.inf),) * len(self.states)
+
+    @property
     def shortest_length(self) -> float:
         """Length over which the law may oscillate, inf where it does not: the longest step."""
         return math.inf
@@ -353,7 +394,7 @@ class Effect:
     @property
     def stiffest(self) -> float:
         """Largest stiffness of a force law [N/m]: a sample must not hold too much of its swing."""
-        return 0.0
+        return stiffness_of_states(self) if self.action == "memory" else 0.0
 
     @property
     def edges(self) -> tuple[float, ...]:
@@ -606,6 +647,25 @@ def largest_level(axis: BaseAxis) -> float:
 
 
 @functools.lru_cache(maxsize=1024)
+def stiffness_of_states(effect: Effect) -> float:
+    """Stiffness of a law by its states at zero, as far as they flow with the velocity [N/m]."""
+    law = getattr(effect.law, "py_func", effect.law)
+    flow: Any = getattr(effect.flow, "py_func", effect.flow)
+    state = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0)
+    moving = (0.0, 0.0, _DIFFERENCE, *state[3:])
+    total = 0.0
+    for i in range(len(effect.states) if effect.adds_to == "force" else 0):
+        bent = [_DIFFERENCE * (i == j) for j in range(len(effect.states))]
+        zero = (*effect.values, *(0.0 for _ in bent))
+        try:
+            force = law(*state, (*effect.values, *bent)) - law(*state, zero)
+            total += abs(force * (flow(i, *moving, zero) - flow(i, *state, zero)))
+        except Exception:  # where it is not defined nothing can be said
+            continue
+    return total / _DIFFERENCE**2
+
+
+@functools.lru_cache(maxsize=1024)
 def slopes_by_law(effect: Effect, axis: BaseAxis, speed: float) -> Slopes:
     """Largest slopes of a law at many states of an axis, by differences."""
     law = getattr(effect.law, "py_func", effect.law)
@@ -622,19 +682,24 @@ def slopes_by_law(effect: Effect, axis: BaseAxis, speed: float) -> Slopes:
         sign[1] * level * rng.uniform(0.0, 3.0, _STATES), np.full(_STATES, level), sign[2],
         times[1],
     ])  # fmt: skip
+    within = np.clip(np.array(effect.limits, dtype=float).reshape(-1, 2).T, -1.0, 1.0)
+    kept = rng.uniform(0.0, 1.0, (_STATES, len(effect.states))) if effect.states else None
     short = min(effect.shortest_time, 1.0), min(effect.shortest_length, high - low)
     steps = {"t": short[0], "x": short[1], "v": speed, "u": level, "rest": short[0]}
     found = dict.fromkeys(steps, 0.0)
     for name, size in steps.items():
         step = _DIFFERENCE * size * (np.array(_ARGUMENTS[:-1]) == name)
-        for state in states if name in read and size > 0.0 else ():
+        for k, state in enumerate(states if name in read and size > 0.0 else ()):
+            z = () if kept is None else tuple(within[0] + kept[k] * (within[1] - within[0]))
+            p = (*effect.values, *z)
             try:
-                rise = law(*(state + step), effect.values) - law(*(state - step), effect.values)
+                rise = law(*(state + step), p) - law(*(state - step), p)
             except Exception:  # where it is not defined no axis can be
                 continue
             if math.isfinite(rise):
                 found[name] = max(found[name], abs(rise) / (2.0 * _DIFFERENCE * size))
-    relative = float(effect.action == "friction" and "level" in read and level > 0.0)
+    friction = "friction" in (effect.action, effect.adds_to)
+    relative = float(friction and "level" in read and level > 0.0)
     unit = _MARGIN / level if relative else _MARGIN
     return Slopes(
         unit * (found["t"] + found["rest"]), unit * found["x"], unit * found["v"],
@@ -692,6 +757,7 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
     found = getattr(cls, method, None)
     if not callable(found) or found is Effect.inner:
         raise ValueError(f"{own} needs {needed}")
+    _check_states(cls)
     _check_numbers(cls)
     _document_parameters(cls)
     if "title" not in said:
@@ -719,6 +785,33 @@ def _document_parameters(cls: type[Effect]) -> None:
         words = said["doc"].replace("|", r"\|")
         rows.append(f"{name} : float\n    {words[0].upper()}{words[1:]} [{said['unit']}].")
     list_in_docstring(cls, "Parameters", rows)
+
+
+def _check_states(cls: type[Effect]) -> None:
+    """Refuse a memory without states or flow, and states of another effect."""
+    own = cls.__name__
+    declared = isinstance(cls.states, dict) and all(
+        isinstance(name, str) and name.isidentifier() and isinstance(unit, str)
+        for name, unit in cls.states.items()
+    )
+    if not declared:
+        raise ValueError(
+            f'{own}.states must be a dict of names and units, such as {{"spring": "m"}}, '
+            f"got {cls.states!r}"
+        )
+    if cls.action != "memory":
+        if cls.states or cls.flow is not None:
+            raise ValueError(f'{own} has states: set action = "memory", got {cls.action!r}')
+        return
+    if not cls.states:
+        raise ValueError(f'{own} needs its states, such as states = {{"spring": "m"}}')
+    if not callable(cls.flow):
+        raise ValueError(
+            f"{own} needs a static method flow(i, t, x, v, u, level, direction, rest, p), the rate "
+            "of state i"
+        )
+    if cls.adds_to not in ("force", "friction"):
+        raise ValueError(f'{own}.adds_to must be "force" or "friction", got {cls.adds_to!r}')
 
 
 class _NumberError(IndexError):
@@ -754,35 +847,49 @@ def _check_numbers(cls: type[Effect]) -> None:
         )
     if cls.action not in _BY_LAW:
         return
-    law = getattr(cls.law, "py_func", cls.law)
+    for name in ("law", "flow", "jump"):
+        if getattr(cls, name, None) is not None:
+            _check_numbers_of(cls, name)
+
+
+def _check_numbers_of(cls: type[Effect], name: str) -> None:
+    """Refuse a law, flow or jump that reads a number beyond parameters and states."""
+    law: Any = getattr(cls, name)
+    law = getattr(law, "py_func", law)
     bounds = [item.metadata["bounds"] for item in fields(cls)]
-    p = _Numbers(min(max(1.0, low), high) for low, high in bounds)
+    values = [min(max(1.0, low), high) for low, high in bounds]
+    p = _Numbers([*values, *(0.0 for _ in cls.states)])
     has = f"p[0] to p[{len(p) - 1}]" if p else "no parameter"
-    for state in itertools.product(*_TRIED):
+    numbers = [()] if name == "law" else [(i,) for i in range(len(cls.states))]
+    for number, state in itertools.product(numbers, itertools.product(*_TRIED)):
         try:
-            law(*state, p)
+            law(*number, *state, p)
         except _NumberError as wrong:
             raise ValueError(
-                f"{cls.__name__}.law reads p[{wrong}], but the class declares {has}"
+                f"{cls.__name__}.{name} reads p[{wrong}], but the class declares {has}"
             ) from None
         except Exception:  # its own numbers, or what only the compiler knows
             continue
 
 
-# Compiled laws stay alive here: the kernel holds only their addresses.
-_COMPILED: dict[type[Effect], Any] = {}
+# Compiled laws, flows and jumps stay alive here: the kernel holds only their addresses.
+_COMPILED: dict[tuple[type[Effect], str], Any] = {}
 
 
-def law_address(cls: type[Effect]) -> int:
-    """Address of an effect's compiled law, valid in this process."""
-    if cls not in _COMPILED:
+def law_address(cls: type[Effect], name: str = "law") -> int:
+    """Address of an effect's compiled law, "flow" or "jump", valid in this process; 0 for none."""
+    if getattr(cls, name) is None:
+        return 0
+    if (cls, name) not in _COMPILED:
         if REGISTRY.get(cls.slug) is not cls:  # else checked as it was registered
+            _check_states(cls)
             _check_numbers(cls)
+        kind = LAW if name == "law" else FLOW
         try:
-            _COMPILED[cls] = cfunc(LAW, cache=True)(cls.law)
+            _COMPILED[cls, name] = cfunc(kind, cache=True)(getattr(cls, name))
         except RuntimeError as problem:
             # A class typed at the prompt has no file beside which to keep a cache.
             if "cannot cache" not in str(problem):
                 raise
-            _COMPILED[cls] = cfunc(LAW)(cls.law)
-    return int(_COMPILED[cls].address)
+            _COMPILED[cls, name] = cfunc(kind)(getattr(cls, name))
+    return int(_COMPILED[cls, name].address)

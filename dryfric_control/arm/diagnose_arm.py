@@ -10,6 +10,7 @@ from typing import Any
 
 from dryfric_control.arm.arm_records import ArmRecords, arm_records
 from dryfric_control.arm.model_errors import ModelError
+from dryfric_control.arm.rigid_model import OF_LINKS
 from dryfric_control.checks import check_boolean, one_of, positive
 from dryfric_control.diagnosis.joints import JointDiagnoses, diagnose_joints
 from dryfric_control.estimation.parameters import checked_knowledge
@@ -37,9 +38,10 @@ class ArmDiagnoses(JointDiagnoses):
 
     def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         named = [error for error in self.model_errors if error.named]
-        if not named:
+        if not any(error.kind in OF_LINKS for error in named):
             yield "masses of the model: nothing to find"
-        yield from (f"model: {error.sentence}" for error in named)
+        for error in named:
+            yield f"{'model' if error.kind in OF_LINKS else 'log'}: {error.sentence}"
         unsure = [error.link for error in self.model_errors if not error.named]
         if unsure:
             yield f"model: the motion does not separate the masses of {', '.join(unsure)}"
@@ -108,6 +110,11 @@ def diagnose_arm(
     more than a cause must explain, where masses are off by 15 % and centres by a tenth of their
     distance before the log is seen.  A payload is a compact body.  What the motion does not
     separate has alternatives, or is not named.
+
+    Errors of the log are found beside them: the scale of a drive, and a joint whose samples are
+    behind those of the others (5 ms standard deviation before the log is seen), by the force of
+    the model along the motion at shifted instants.  Samples in which another joint starts or stops
+    are left out where half of them remain: the smoothing smears its acceleration.
 
     Then each joint is diagnosed beside the coupling torque of the corrected model.  A joint that
     cannot be diagnosed does not end the others: it is in `failed`.

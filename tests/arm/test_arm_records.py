@@ -76,6 +76,34 @@ def test_a_link_that_is_heavier_than_its_model():
     assert found.value == pytest.approx(1.0 / factor, rel=0.02)
 
 
+def test_a_joint_whose_clock_is_behind_is_named_and_its_coupling_put_right(log):
+    late = {k: np.roll(v, 1)[1:] if k.startswith("lift.") else v[1:] for k, v in log.items()}
+    records = dfc.arm_records(MODEL, late, payload={"hand": (PAYLOAD, PLACE)})
+    (found,) = records.model_errors()
+    assert (found.kind, found.link) == ("clock", "lift")
+    assert found.value == pytest.approx(0.01, abs=6e-4)  # three standard errors of 0.2 ms
+    assert "samples of lift are" in found.sentence and "behind" in found.sentence
+    right = records.without([found])
+    for joint, (axis, record) in right.items():
+        # 1 %, as where the clocks are one.
+        fitted = dfc.fit(axis, record, starts=1).parameters["coulomb"]
+        assert fitted == pytest.approx(TRUE[joint][0], rel=0.01)
+    assert right.late == {"lift": found.value} and right.model_errors() == ()
+
+
+def test_a_drive_logged_at_another_scale_is_named_and_put_right(log):
+    weak = log | {"lift.effort": 0.5 * log["lift.effort"]}
+    records = dfc.arm_records(MODEL, weak, payload={"hand": (PAYLOAD, PLACE)})
+    (found,) = records.model_errors()
+    assert (found.kind, found.link) == ("drive", "lift")
+    assert found.value == pytest.approx(0.5, rel=0.01)
+    assert "drive of lift is logged at 0.5" in found.sentence
+    axis, record = records.without([found])["lift"]
+    assert "u: over 0.5" in record.notes[-2]
+    fitted = dfc.fit(axis, record, starts=1).parameters["coulomb"]
+    assert fitted == pytest.approx(TRUE["lift"][0], rel=0.01)
+
+
 def without(log, *joints):
     return {k: v for k, v in log.items() if k.split(".")[0] not in joints}
 

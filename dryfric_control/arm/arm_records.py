@@ -13,7 +13,7 @@ from dryfric_control.arm.log import checked_scaling, joint_records, refuse_other
 from dryfric_control.arm.model_errors import ModelError, find_model_errors
 from dryfric_control.arm.rigid_model import Motion, RigidArm
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import instance
+from dryfric_control.checks import check_boolean, instance
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, documented, percent, stated
@@ -80,7 +80,7 @@ class ArmRecords(Result, Mapping[str, tuple[FrictionAxis, Record]]):
         return len(self.axes)
 
     def motion_of(self, joint: str, late: Mapping[str, float] | None = None) -> Motion:
-        """Motion of all joints at the instants of the samples of one of them.
+        """Motion of all joints at the instants of one joint's samples.
 
         Parameters
         ----------
@@ -92,9 +92,20 @@ class ArmRecords(Result, Mapping[str, tuple[FrictionAxis, Record]]):
         delays = {name: self.late.get(name, 0.0) + (late or {}).get(name, 0.0) for name in self}
         return _shifted(self.motion, self.records, delays, joint)
 
-    def model_errors(self) -> tuple[ModelError, ...]:
-        """Masses that the model has wrong, and scales and clocks of the log; see `diagnose_arm`."""
-        return find_model_errors(self)
+    def model_errors(self, *, anyway: bool = False) -> tuple[ModelError, ...]:
+        """Errors of the model and of the log, see `diagnose_arm`.
+
+        Parameters
+        ----------
+        anyway : bool, optional
+            Whether to go on, with a warning, where the log does not fit the model.
+
+        Raises
+        ------
+        ValueError
+            If the log fits the model only with other units, signs, zeros or joints, or not at all.
+        """
+        return find_model_errors(self, check_boolean("anyway", anyway))
 
     def without(self, errors: Sequence[ModelError]) -> ArmRecords:
         """The records with the coupling of the model without some errors.

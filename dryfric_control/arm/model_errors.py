@@ -25,8 +25,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from dryfric_control.arm.rigid_model import Link, Motion
+from dryfric_control.arm.wrong_log import HARDLY, Remains, why_not_this_log
 from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.estimation.force_residual import Sliding, directions
+from dryfric_control.records.record_warning import warn
 from dryfric_control.text import Result, documented, stated
 
 if TYPE_CHECKING:
@@ -81,6 +83,10 @@ _SETTLED_CLOCK = 3e-4
 _LEAST_ROWS = 0.5
 # Most samples of a joint.
 _MOST = 3000
+# The same where the log is compared with other readings.
+_FEW = 200
+# Scale of a drive that may be any.
+_ANY = 1e4
 # Rounds of weights.
 _ROUNDS = 4
 # Residuals of a block.
@@ -206,6 +212,14 @@ class ModelError(Result):
         return [self.sentence]
 
 
+class Scale(NamedTuple):
+    """Logged over needed drive of a joint."""
+
+    joint: str
+    value: float
+    standard_error: float
+
+
 class Rows(NamedTuple):
     """Samples in which joints slide, one joint after the other."""
 
@@ -218,20 +232,29 @@ class Rows(NamedTuple):
     behind: Floats  # force beyond the model per second by which a joint is behind, (nrows, njoints)
 
 
-def find_model_errors(records: ArmRecords) -> tuple[ModelError, ...]:
+def find_model_errors(records: ArmRecords, anyway: bool = False) -> tuple[ModelError, ...]:
     """Errors of the model that the records of all joints show together.
 
     Parameters
     ----------
     records : ArmRecords
         Records of the joints, with the coupling of the nominal model.
+    anyway : bool, optional
+        Whether to go on where the log does not fit the model, with a warning.
     """
     # On small matrices, threads cost more than they gain.
     with threadpool_limits(1):
-        return _search_errors(records)
+        errors, unlikely = _search_errors(records)
+        why = why_not_this_log(records, errors, unlikely, _any_scales(records), _what_remains)
+    if why and not anyway:
+        raise ValueError(f"{why}; anyway=True goes on with it as it is")
+    if why:
+        warn(why)
+    return errors
 
 
-def _search_errors(records: ArmRecords) -> tuple[ModelError, ...]:
+def _search_errors(records: ArmRecords) -> tuple[tuple[ModelError, ...], list[str]]:
+    """Errors of the model, and links that deviate from it as hardly any does."""
     late = dict[str, ModelError]()
     regression = _regression_of(records)
     chosen = regression.search()
@@ -251,7 +274,7 @@ def _search_errors(records: ArmRecords) -> tuple[ModelError, ...]:
             clocks = [one for one in regression.errors(chosen) if one.kind == "clock"]
         chosen = regression.search()
     found = (one for one in regression.errors(chosen) if one.kind != "clock")
-    return (*late.values(), *found)
+    return (*late.values(), *found), regression.unlikely_links(chosen)
 
 
 def _regression_of(records: ArmRecords) -> Regression:
@@ -268,15 +291,56 @@ def _regression_of(records: ArmRecords) -> Regression:
     return Regression(rows, groups_of(rows, links, joints, payloads))
 
 
-def sliding_rows(records: ArmRecords, links: Sequence[Link]) -> Rows:
-    """Rows of the regression of all joints."""
+def _without_errors(records: ArmRecords, drive: float | None) -> Regression:
+    """The linear model of few rows with any masses, and scales of the drives if given a spread."""
+    links = records.arm.links()
+    rows = sliding_rows(records, links, _FEW, clocks=False)
+    payloads = {link.name: Compact() for link in links if link.last}
+    kinds = ("masses", "payload", *(("drive",) if drive else ()))
+    groups = [g for g in groups_of(rows, links, records.arm.joints, payloads) if g.kind in kinds]
+    return Regression(
+        rows, [g._replace(spread=np.array([drive])) if g.kind == "drive" else g for g in groups]
+    )
+
+
+def _any_scales(records: ArmRecords) -> list[Scale]:
+    """Scale of each drive, whatever it is."""
+    regression = _without_errors(records, _ANY)
+    solved = regression.solve_groups(range(len(regression.groups)))
+    return [
+        Scale(group.of, 1.0 - float(one.mean[0]), math.sqrt(one.covariance[0, 0]))
+        for group, one in zip(regression.groups, solved.values(), strict=True)
+        if group.kind == "drive"
+    ]
+
+
+def _what_remains(records: ArmRecords) -> Remains:
+    """How well masses and friction explain the drives."""
+    regression = _without_errors(records, None)
+    rows = regression.rows
+    chosen = range(len(regression.groups))
+    left = regression.residuals(chosen)
+    drive = rows.y + rows.force
+    parts = [
+        float(np.median(np.abs(left[mine])) / max(np.median(np.abs(drive[mine])), 1e-12))
+        for mine in (rows.joint == j for j in range(len(records)))
+        if mine.any()
+    ]
+    part = float(np.log(np.maximum(parts, 1e-6)).sum())
+    return Remains(part, not regression.unlikely_links(chosen))
+
+
+def sliding_rows(
+    records: ArmRecords, links: Sequence[Link], most: int = _MOST, clocks: bool = True
+) -> Rows:
+    """Rows of the regression of all joints: at most some of each, with columns of their clocks."""
     arm = records.arm
     parts = []
     spreads = []
     unsteady = _unsteady(records)
     for j, (joint, (axis, record)) in enumerate(records.items()):
         sliding = Sliding(record, smooth_drive=True)
-        step = max(sliding.smoothing // 2, sliding.t.size // _MOST, 1)
+        step = max(sliding.smoothing // 2, sliding.t.size // most, 1)
         pick = np.searchsorted(record.t, sliding.t)
         # A start or stop of another joint is smeared over the smoothing.
         rows = np.flatnonzero(~unsteady[pick])
@@ -288,7 +352,9 @@ def sliding_rows(records: ArmRecords, links: Sequence[Link]) -> Rows:
         direction = sliding.direction[rows].astype(float)
         motion = Motion(*(one[pick] for one in records.motion_of(joint)))
         force, _ = arm.forces(motion)
-        behind = _force_of_delays(records, joint, pick)
+        behind = np.zeros((pick.size, len(records)))
+        if clocks:
+            behind = _force_of_delays(records, joint, pick)
         regressor = arm.regression_matrix(motion, links)[:, j]
         v = motion.v[:, j]
         a = motion.a[:, j]
@@ -408,9 +474,7 @@ class Regression:
         noise = np.ones(self.rows.y.size)
         weight = np.ones(self.rows.y.size)
         for _ in range(_ROUNDS):
-            pick = self._pick(some)
-            found = np.linalg.solve(self._information(pick), self._right[pick])
-            left = self.rows.y - self._columns[:, pick] @ found
+            left = self.residuals(some)
             for j in range(int(self.rows.joint.max(initial=-1)) + 1):
                 mine = self.rows.joint == j
                 e = left[mine]
@@ -419,6 +483,24 @@ class Regression:
                 # What is correlated over rows counts as fewer of them.
                 noise[mine] = spread * math.sqrt(_variance_inflation(e, weight[mine]))
             self._weight_rows(noise, weight)
+
+    def residuals(self, some: Iterable[int]) -> Floats:
+        """Force that friction and some of the groups do not explain, shape (nrows,)."""
+        pick = self._pick(some)
+        found = np.linalg.solve(self._information(pick), self._right[pick])
+        return np.asarray(self.rows.y - self._columns[:, pick] @ found)
+
+    def unlikely_links(self, chosen: Sequence[int]) -> list[str]:
+        """Links with masses or centres that are as hardly any model has them wrong."""
+        found = set[str]()
+        for i, (mean, _) in self.solve_groups(chosen).items():
+            group = self.groups[i]
+            if group.kind in ("mass", "masses"):
+                off = np.abs(mean) > HARDLY * group.spread
+                found |= {of for of, one in zip(group.of.split(", "), off, strict=True) if one}
+            elif group.kind == "centre" and bool((np.abs(mean) > HARDLY * group.spread).any()):
+                found.add(group.of)
+        return sorted(found)
 
     def _pick(self, some: Iterable[int]) -> Ints:
         """Columns of the friction, and of some groups."""

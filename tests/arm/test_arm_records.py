@@ -104,6 +104,58 @@ def test_a_drive_logged_at_another_scale_is_named_and_put_right(log):
     assert fitted == pytest.approx(TRUE["lift"][0], rel=0.01)
 
 
+def exchanged(log, one, other):
+    pairs = {f"{a}.{k}": log[f"{b}.{k}"] for a, b in ((one, other), (other, one))
+             for k in ("position", "effort")}  # fmt: skip
+    return log | pairs
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"lift.position": lambda x: -x}, r"positions of lift have the opposite sign"),
+        ({"lift.effort": lambda u: -u}, r"drives of lift have the opposite sign"),
+        (
+            {"lift.position": lambda x: -x, "lift.effort": lambda u: -u},
+            r"the axis of lift has the opposite direction",
+        ),
+        (
+            {"lift.position": lambda x: x + 0.5 * np.pi},
+            r"the zero of lift is another one \(x -90 deg\)",
+        ),
+        ({"lift.effort": lambda u: 1000.0 * u}, r"another unit.*lift 1e\+03\)"),
+    ],
+)
+def test_a_reading_that_was_meant_otherwise_is_named(log, changes, says):
+    wrong = log | {name: change(log[name]) for name, change in changes.items()}
+    records = dfc.arm_records(MODEL, wrong, payload={"hand": (PAYLOAD, PLACE)})
+    with pytest.raises(ValueError, match=rf"the log fits the model if .*{says}"):
+        records.model_errors()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("one", "other"), [("lift", "elbow"), ("wrist1", "wrist2")])
+def test_joints_that_are_exchanged_are_named(log, one, other):
+    records = dfc.arm_records(MODEL, exchanged(log, one, other), payload={"hand": (PAYLOAD, PLACE)})
+    with pytest.raises(ValueError, match=f"if {one} and {other} are exchanged; anyway=True"):
+        records.model_errors()
+    with pytest.warns(dfc.RecordWarning, match="are exchanged"):
+        assert records.model_errors(anyway=True)
+
+
+def test_a_log_of_another_robot_is_refused(log):
+    # All masses of this model are half, and all lengths 0.6 of those of the robot.
+    model = mujoco.MjModel.from_xml_path(str(MODEL))
+    model.body_mass[:] *= 0.5
+    model.body_inertia[:] *= 0.5 * 0.6**2
+    model.body_pos[:] *= 0.6
+    model.body_ipos[:] *= 0.6
+    records = dfc.arm_records(model, log)
+    with pytest.raises(ValueError, match=r"does not fit the model, or only .*another robot"):
+        records.model_errors()
+
+
 def without(log, *joints):
     return {k: v for k, v in log.items() if k.split(".")[0] not in joints}
 

@@ -58,8 +58,10 @@ def joints(records: dfc.arm.ArmRecords, truth: arm_truth.Truth) -> dict[str, tup
         start = time.process_time()
         if name == truth.play:
             axis = axis.replace(effects=(dfc.effects.Backlash(2e-3, 0.5),))
-            free.append("backlash.gap")
-        found = dfc.fit(axis, record, free=free, starts=1).axis
+            free += ["backlash.gap", "backlash.load_fraction"]
+        # A play ends in another minimum from a single start.
+        starts = None if name == truth.play else 1
+        found = dfc.fit(axis, record, free=free, starts=starts).axis
         seconds = time.process_time() - start
         v = records.motion.v[:, j]
         rows[name] = (

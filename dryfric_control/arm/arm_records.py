@@ -13,7 +13,7 @@ from dryfric_control.arm.log import checked_scaling, joint_records, refuse_other
 from dryfric_control.arm.model_errors import ModelError, find_model_errors
 from dryfric_control.arm.rigid_model import Motion, RigidArm
 from dryfric_control.arrays import Floats
-from dryfric_control.checks import instance
+from dryfric_control.checks import check_boolean, instance
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, documented, percent, stated
@@ -65,6 +65,10 @@ class ArmRecords(Result, Mapping[str, tuple[FrictionAxis, Record]]):
     arm: RigidArm = stated("The model.")
     motion: Motion = stated("Smoothed motion of the joints.")
     given: tuple[str, ...] = stated("Joints whose axes the user gave.")
+    late: dict[str, float] = stated(
+        "Time by which the clock of a joint is behind the others [s], as `without` took it off.",
+        default_factory=dict,
+    )
 
     def __getitem__(self, joint: str) -> tuple[FrictionAxis, Record]:
         return self.axes[joint], self.records[joint]
@@ -75,12 +79,39 @@ class ArmRecords(Result, Mapping[str, tuple[FrictionAxis, Record]]):
     def __len__(self) -> int:
         return len(self.axes)
 
-    def model_errors(self) -> tuple[ModelError, ...]:
-        """Masses that the model has wrong, see `diagnose_arm`."""
-        return find_model_errors(self)
+    def motion_of(self, joint: str, late: Mapping[str, float] | None = None) -> Motion:
+        """Motion of all joints at the instants of one joint's samples.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+        late : mapping of str to float, optional
+            Times by which the clocks of joints are further behind [s].
+        """
+        delays = {name: self.late.get(name, 0.0) + (late or {}).get(name, 0.0) for name in self}
+        return _shifted(self.motion, self.records, delays, joint)
+
+    def model_errors(self, *, anyway: bool = False) -> tuple[ModelError, ...]:
+        """Errors of the model and of the log, see `diagnose_arm`.
+
+        Parameters
+        ----------
+        anyway : bool, optional
+            Whether to go on, with a warning, where the log does not fit the model.
+
+        Raises
+        ------
+        ValueError
+            If the log fits the model only with other units, signs, zeros or joints, or not at all.
+        """
+        return find_model_errors(self, check_boolean("anyway", anyway))
 
     def without(self, errors: Sequence[ModelError]) -> ArmRecords:
         """The records with the coupling of the model without some errors.
+
+        A drive that is logged at another scale is put at its own; a joint whose clock is behind
+        keeps its samples, and its coupling is that of the instants at which they were taken.
 
         Parameters
         ----------
@@ -88,7 +119,16 @@ class ArmRecords(Result, Mapping[str, tuple[FrictionAxis, Record]]):
             What `model_errors` found.
         """
         given = {joint: self.axes[joint] for joint in self.given}
-        return _with_coupling(self.arm.without(errors), self.records, self.motion, given)
+        records = dict(self.records)
+        late = dict(self.late)
+        for error in errors:
+            if error.kind == "drive":
+                record = records[error.link]
+                note = f"u: over {error.value:.4g}, the scale at which the model shows it"
+                records[error.link] = record._with_changes(note, u=record.u / error.value)
+            elif error.kind == "clock":
+                late[error.link] = late.get(error.link, 0.0) + error.value
+        return _with_coupling(self.arm.without(errors), records, self.motion, given, late)
 
     def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         head = ("joint", "inertia", "least", "largest", "load RMS", "drive RMS", "unit")
@@ -222,10 +262,19 @@ def _checked_axes(axes: Any, joints: Sequence[str]) -> dict[str, FrictionAxis]:
 
 
 def _with_coupling(
-    arm: RigidArm, records: Mapping[str, Record], motion: Motion, axes: Mapping[str, FrictionAxis]
+    arm: RigidArm,
+    records: Mapping[str, Record],
+    motion: Motion,
+    axes: Mapping[str, FrictionAxis],
+    late: Mapping[str, float] | None = None,
 ) -> ArmRecords:
     """The records with the coupling of a model, and axes where none are given."""
+    late = dict(late or {})
     force, inertia = arm.forces(motion)
+    if any(late.values()):
+        for j, joint in enumerate(records):
+            own = arm.forces(_shifted(motion, records, late, joint))
+            force[:, j], inertia[:, j] = (one[:, j] for one in own)
     means = inertia.mean(axis=0)
     found = dict[str, FrictionAxis]()
     loaded = dict[str, Record]()
@@ -243,7 +292,23 @@ def _with_coupling(
         found[joint] = axes.get(joint) or _nominal(joint, arm, means[j], one, motion.v[:, j])
     spans = zip(inertia.min(axis=0).tolist(), inertia.max(axis=0).tolist(), strict=True)
     inertias = dict(zip(records, spans, strict=True))
-    return ArmRecords(found, loaded, inertias, arm, motion, tuple(axes))
+    return ArmRecords(found, loaded, inertias, arm, motion, tuple(axes), late)
+
+
+def _shifted(
+    motion: Motion, records: Mapping[str, Record], late: Mapping[str, float], joint: str
+) -> Motion:
+    """Motion of all joints at the instants of one of them, whose clocks are some seconds behind."""
+    if not any(late.values()):
+        return motion
+    moved = Motion(*(one.copy() for one in motion))
+    for i, (name, record) in enumerate(records.items()):
+        # The sample of `joint` at t was taken at t - late[joint]; another logs that at t + ahead.
+        ahead = late.get(name, 0.0) - late.get(joint, 0.0)
+        if ahead:
+            for one, all_joints in zip(moved, motion, strict=True):
+                one[:, i] = np.interp(record.t + ahead, record.t, all_joints[:, i])
+    return moved
 
 
 def _with_load(record: Record, coupling: Floats, note: str) -> Record:

@@ -10,16 +10,22 @@ from typing import Any
 
 from dryfric_control.arm.arm_records import ArmRecords, arm_records
 from dryfric_control.arm.model_errors import ModelError
+from dryfric_control.arm.rigid_model import OF_LINKS
 from dryfric_control.checks import check_boolean, one_of, positive
 from dryfric_control.diagnosis.joints import JointDiagnoses, diagnose_joints
 from dryfric_control.estimation.parameters import checked_knowledge
 from dryfric_control.estimation.windows import cut
+from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.records.record import Record
 from dryfric_control.store.files import file_path
 from dryfric_control.text import documented, stated
 
 #: Name among `known` for a model whose masses are right.
 MODEL = "model"
+# Effects that all joints together have shown or ruled out: errors of masses, scales of drives.  In
+# a single joint they would be what the masses still lack, by another name.
+_WEIGHT = "gravity"
+_SCALE = "input_gain"
 
 
 @documented
@@ -37,9 +43,10 @@ class ArmDiagnoses(JointDiagnoses):
 
     def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         named = [error for error in self.model_errors if error.named]
-        if not named:
+        if not any(error.kind in OF_LINKS for error in named):
             yield "masses of the model: nothing to find"
-        yield from (f"model: {error.sentence}" for error in named)
+        for error in named:
+            yield f"{'model' if error.kind in OF_LINKS else 'log'}: {error.sentence}"
         unsure = [error.link for error in self.model_errors if not error.named]
         if unsure:
             yield f"model: the motion does not separate the masses of {', '.join(unsure)}"
@@ -90,7 +97,7 @@ def diagnose_arm(
         Parameters of the joints whose nominal values are right; "model" for the masses of the
         model.
     tolerance, store, jobs, time_limit, window, hold, progress, anyway
-        As for `diagnose_joints`.
+        As for `diagnose_joints`; `anyway` goes on, too, where the log does not fit the model.
     **options
         All further arguments of `arm_records`.
 
@@ -109,7 +116,13 @@ def diagnose_arm(
     distance before the log is seen.  A payload is a compact body.  What the motion does not
     separate has alternatives, or is not named.
 
-    Then each joint is diagnosed beside the coupling torque of the corrected model.  A joint that
+    Errors of the log are found beside them: the scale of a drive, and a joint whose samples are
+    behind those of the others (5 ms standard deviation before the log is seen), by the force of
+    the model along the motion at shifted instants.  Samples in which another joint starts or stops
+    are left out where half of them remain: the smoothing smears its acceleration.
+
+    Then each joint is diagnosed beside the coupling torque of the corrected model.  A gravity and
+    a gain of the drive are no causes of a single joint there.  A joint that
     cannot be diagnosed does not end the others: it is in `failed`.
 
     Examples
@@ -137,11 +150,11 @@ def diagnose_arm(
     if window is not None:
         for joint, (_, record) in nominal.items():
             _check_window(joint, record, window, hold)
-    errors = () if MODEL in names else nominal.model_errors()
+    errors = () if MODEL in names else nominal.model_errors(anyway=anyway)
     corrected = nominal.without(errors) if errors else nominal
     found = diagnose_joints(
         corrected,
-        known=tuple(name for name in names if name != MODEL),
+        known=_known_of_joints(names),
         tolerance=tolerance,
         window=window,
         hold=hold,
@@ -154,6 +167,17 @@ def diagnose_arm(
     return ArmDiagnoses(
         found.diagnoses, found.failed, model_errors=errors, nominal=nominal, corrected=corrected
     )
+
+
+def _known_of_joints(names: Sequence[str]) -> tuple[str, ...]:
+    """What is known of each joint beside the coupling of the model."""
+    shared = (_WEIGHT,) if MODEL in names else (_WEIGHT, _SCALE)
+    amounts = tuple(
+        f"{slug}.{own}"
+        for slug in shared if slug in REGISTRY
+        for own in REGISTRY[slug].parameters()
+    )  # fmt: skip
+    return (*(name for name in names if name != MODEL), *amounts)
 
 
 def _check_window(joint: str, record: Record, window: float, hold: str) -> None:

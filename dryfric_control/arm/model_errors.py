@@ -9,21 +9,26 @@ with the same smoothing of both sides.  Friction of each joint takes part by its
 errors by columns that all joints share: so an error is named once, not as a gravity of each joint.
 An error joins if the evidence of the linear model, with normal distributions of what a model may be
 off, grows by more than a cause must explain.
+
+Two errors are of the log: the scale of a drive, and the clock of a joint that is behind the others,
+which is linear in the time by which it is.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from dryfric_control.arm.rigid_model import Link, Motion
-from dryfric_control.arrays import Floats, Ints
-from dryfric_control.estimation.force_residual import Sliding
+from dryfric_control.arm.wrong_log import HARDLY, Remains, why_not_this_log
+from dryfric_control.arrays import Bools, Floats, Ints
+from dryfric_control.estimation.force_residual import Sliding, directions
+from dryfric_control.records.record_warning import warn
 from dryfric_control.text import Result, documented, stated
 
 if TYPE_CHECKING:
@@ -54,6 +59,8 @@ _PEAK = 0.5
 _BY_LOAD = 0.2
 # Scale of the drive, relative.
 _GAIN = 0.1
+# Time by which the clock of a joint is behind the others [s].
+_LATE = 5e-3
 # Velocities of Stribeck parts, over the usual large velocity.
 _PEAKS = (0.03, 0.1, 0.3)
 # Standard deviation of the moment of inertia of a payload about its own centre [kg m^2].
@@ -68,8 +75,18 @@ _LEAST = 0.05
 _FARTHEST = 1.0
 # Standard errors from which a mass among those of all links is named.
 _SURE = 2.0
+# Most searches after clocks were put right, steps of each, and the step that ends them [s].
+_CLOCKS = 2
+_STEPS = 8
+_SETTLED_CLOCK = 3e-4
+# Part of the rows that must be left without those in which another joint starts or stops.
+_LEAST_ROWS = 0.5
 # Most samples of a joint.
 _MOST = 3000
+# The same where the log is compared with other readings.
+_FEW = 200
+# Scale of a drive that may be any.
+_ANY = 1e4
 # Rounds of weights.
 _ROUNDS = 4
 # Residuals of a block.
@@ -119,7 +136,7 @@ def second_moments(place: Floats) -> Floats:
 class Group(NamedTuple):
     """Columns that act together: one possible error."""
 
-    kind: str  # "mass", "centre", "payload" of a link, "masses" of all, "drive" of a joint
+    kind: str  # "mass", "centre", "payload" of a link, "masses" of all, "drive", "clock" of a joint
     of: str  # name of the link or joint
     columns: Floats  # shape (nrows, k), each for a deviation of 1
     spread: Floats  # standard deviations before the record is seen, shape (k,)
@@ -131,6 +148,7 @@ class Group(NamedTuple):
         return {
             "mass": "mass of {}", "masses": "masses of all links", "payload": "payload at {}",
             "centre": "centre of mass of {}", "drive": "scale of the drive of {}",
+            "clock": "clock of {}",
         }[self.kind].format(self.of)  # fmt: skip
 
 
@@ -139,9 +157,15 @@ class Group(NamedTuple):
 class ModelError(Result):
     """An error of the model of an arm; made by `diagnose_arm`."""
 
-    kind: str = stated('"mass", "centre" (of mass) or "payload".')
-    link: str = stated("Link of the model.")
-    value: float = stated("True mass over that of the model; for a payload its mass [kg]; else 1.")
+    kind: str = stated(
+        '"mass", "centre" (of mass) or "payload"; of the log: "drive" (its scale) or "clock".'
+    )
+    link: str = stated("Link of the model; for an error of the log the joint.")
+    value: float = stated(
+        "True mass over that of the model; for a payload its mass [kg]; for a centre 1; for a "
+        "drive its logged over its true value; for a clock the time by which it is behind the "
+        "others [s]."
+    )
     standard_error: float = stated("Standard error of the value.")
     place: tuple[float, ...] = stated(
         "Shift of the centre of mass, or place of the payload, in the frame of the link [m]; () "
@@ -170,6 +194,15 @@ class ModelError(Result):
         elif self.kind == "mass":
             percent = 100.0 * (self.value - 1.0)
             text = f"mass of {self.link} {percent:+.1f} ± {100 * self.standard_error:.1f} %"
+        elif self.kind == "drive":
+            text = (
+                f"drive of {self.link} is logged at {self.value:.3g} ± {self.standard_error:.2g} "
+                "of the value that the model needs"
+            )
+        elif self.kind == "clock":
+            way = "behind" if self.value > 0.0 else "ahead of"
+            off = f"{1e3 * abs(self.value):.2g} ± {1e3 * self.standard_error:.1g} ms"
+            text = f"samples of {self.link} are {off} {way} those of the other joints"
         else:
             text = f"centre of mass of {self.link} off by ({where}) mm"
         others = f"; or as well {' or '.join(self.alternatives)}" if self.alternatives else ""
@@ -177,6 +210,14 @@ class ModelError(Result):
 
     def _summary_parts(self) -> list[str]:
         return [self.sentence]
+
+
+class Scale(NamedTuple):
+    """Logged over needed drive of a joint."""
+
+    joint: str
+    value: float
+    standard_error: float
 
 
 class Rows(NamedTuple):
@@ -188,22 +229,56 @@ class Rows(NamedTuple):
     spread: Floats  # standard deviations of their coefficients beforehand, inf for any
     regressor: Floats  # shape (nrows, nlinks, 10)
     force: Floats  # of the model without friction
+    behind: Floats  # force beyond the model per second by which a joint is behind, (nrows, njoints)
 
 
-def find_model_errors(records: ArmRecords) -> tuple[ModelError, ...]:
+def find_model_errors(records: ArmRecords, anyway: bool = False) -> tuple[ModelError, ...]:
     """Errors of the model that the records of all joints show together.
 
     Parameters
     ----------
     records : ArmRecords
         Records of the joints, with the coupling of the nominal model.
+    anyway : bool, optional
+        Whether to go on where the log does not fit the model, with a warning.
     """
     # On small matrices, threads cost more than they gain.
     with threadpool_limits(1):
-        return _search_errors(records)
+        errors, unlikely = _search_errors(records)
+        why = why_not_this_log(records, errors, unlikely, _any_scales(records), _what_remains)
+    if why and not anyway:
+        raise ValueError(f"{why}; anyway=True goes on with it as it is")
+    if why:
+        warn(why)
+    return errors
 
 
-def _search_errors(records: ArmRecords) -> tuple[ModelError, ...]:
+def _search_errors(records: ArmRecords) -> tuple[tuple[ModelError, ...], list[str]]:
+    """Errors of the model, and links that deviate from it as hardly any does."""
+    late = dict[str, ModelError]()
+    regression = _regression_of(records)
+    chosen = regression.search()
+    for _ in range(_CLOCKS):
+        clocks = [one for one in regression.errors(chosen) if one.kind == "clock"]
+        if not clocks:
+            break
+        # The force is linear in small delays only: other errors are found beside clocks put right.
+        for _ in range(_STEPS):
+            for one in clocks:
+                first = late.get(one.link, replace(one, value=0.0))
+                late[one.link] = replace(first, value=first.value + one.value)
+            delays = {name: one.value for name, one in late.items()}
+            regression = _regression_of(replace(records, late=records.late | delays))
+            if all(abs(one.value) < _SETTLED_CLOCK for one in clocks):
+                break
+            clocks = [one for one in regression.errors(chosen) if one.kind == "clock"]
+        chosen = regression.search()
+    found = (one for one in regression.errors(chosen) if one.kind != "clock")
+    return (*late.values(), *found), regression.unlikely_links(chosen)
+
+
+def _regression_of(records: ArmRecords) -> Regression:
+    """The linear model, with payloads about their places."""
     links = records.arm.links()
     rows = sliding_rows(records, links)
     joints = records.arm.joints
@@ -213,24 +288,73 @@ def _search_errors(records: ArmRecords) -> tuple[ModelError, ...]:
         payloads, change = regression.update_payloads(payloads)
         if change < _SETTLED:
             break
-    regression = Regression(rows, groups_of(rows, links, joints, payloads))
-    chosen = regression.search()
-    return tuple(regression.errors(chosen))
+    return Regression(rows, groups_of(rows, links, joints, payloads))
 
 
-def sliding_rows(records: ArmRecords, links: Sequence[Link]) -> Rows:
-    """Rows of the regression of all joints."""
+def _without_errors(records: ArmRecords, drive: float | None) -> Regression:
+    """The linear model of few rows with any masses, and scales of the drives if given a spread."""
+    links = records.arm.links()
+    rows = sliding_rows(records, links, _FEW, clocks=False)
+    payloads = {link.name: Compact() for link in links if link.last}
+    kinds = ("masses", "payload", *(("drive",) if drive else ()))
+    groups = [g for g in groups_of(rows, links, records.arm.joints, payloads) if g.kind in kinds]
+    return Regression(
+        rows, [g._replace(spread=np.array([drive])) if g.kind == "drive" else g for g in groups]
+    )
+
+
+def _any_scales(records: ArmRecords) -> list[Scale]:
+    """Scale of each drive, whatever it is."""
+    regression = _without_errors(records, _ANY)
+    solved = regression.solve_groups(range(len(regression.groups)))
+    return [
+        Scale(group.of, 1.0 - float(one.mean[0]), math.sqrt(one.covariance[0, 0]))
+        for group, one in zip(regression.groups, solved.values(), strict=True)
+        if group.kind == "drive"
+    ]
+
+
+def _what_remains(records: ArmRecords) -> Remains:
+    """How well masses and friction explain the drives."""
+    regression = _without_errors(records, None)
+    rows = regression.rows
+    chosen = range(len(regression.groups))
+    left = regression.residuals(chosen)
+    drive = rows.y + rows.force
+    parts = [
+        float(np.median(np.abs(left[mine])) / max(np.median(np.abs(drive[mine])), 1e-12))
+        for mine in (rows.joint == j for j in range(len(records)))
+        if mine.any()
+    ]
+    part = float(np.log(np.maximum(parts, 1e-6)).sum())
+    return Remains(part, not regression.unlikely_links(chosen))
+
+
+def sliding_rows(
+    records: ArmRecords, links: Sequence[Link], most: int = _MOST, clocks: bool = True
+) -> Rows:
+    """Rows of the regression of all joints: at most some of each, with columns of their clocks."""
     arm = records.arm
     parts = []
     spreads = []
-    for j, (axis, record) in enumerate(records.values()):
+    unsteady = _unsteady(records)
+    for j, (joint, (axis, record)) in enumerate(records.items()):
         sliding = Sliding(record, smooth_drive=True)
-        step = max(sliding.smoothing // 2, sliding.t.size // _MOST, 1)
-        pick = np.searchsorted(record.t, sliding.t)[::step]
-        u = sliding.u[::step]
-        direction = sliding.direction[::step].astype(float)
-        motion = Motion(*(one[pick] for one in records.motion))
+        step = max(sliding.smoothing // 2, sliding.t.size // most, 1)
+        pick = np.searchsorted(record.t, sliding.t)
+        # A start or stop of another joint is smeared over the smoothing.
+        rows = np.flatnonzero(~unsteady[pick])
+        if rows.size < _LEAST_ROWS * pick.size:
+            rows = np.arange(pick.size)
+        rows = rows[::step]
+        pick = pick[rows]
+        u = sliding.u[rows]
+        direction = sliding.direction[rows].astype(float)
+        motion = Motion(*(one[pick] for one in records.motion_of(joint)))
         force, _ = arm.forces(motion)
+        behind = np.zeros((pick.size, len(records)))
+        if clocks:
+            behind = _force_of_delays(records, joint, pick)
         regressor = arm.regression_matrix(motion, links)[:, j]
         v = motion.v[:, j]
         a = motion.a[:, j]
@@ -246,7 +370,7 @@ def sliding_rows(records: ArmRecords, links: Sequence[Link]) -> Rows:
             math.inf, math.inf, _ARMATURE * axis.mass, _OFFSET * level, _BY_LOAD,
             *[_PEAK * level] * len(peaks),
         ]  # fmt: skip
-        parts.append((u - force[:, j], np.full(v.size, j), own, regressor, force[:, j]))
+        parts.append((u - force[:, j], np.full(v.size, j), own, regressor, force[:, j], behind))
     count = [part[2].shape[1] for part in parts]
     own = np.zeros((sum(part[0].size for part in parts), sum(count)))
     row = column = 0
@@ -254,8 +378,35 @@ def sliding_rows(records: ArmRecords, links: Sequence[Link]) -> Rows:
         own[row : row + part[0].size, column : column + part[2].shape[1]] = part[2]
         row = row + part[0].size
         column = column + part[2].shape[1]
-    y, joint, regressor, force = (np.concatenate([part[i] for part in parts]) for i in (0, 1, 3, 4))
-    return Rows(y, joint, own, np.array(spreads), regressor, force)
+    y, number, regressor, force, behind = (
+        np.concatenate([part[i] for part in parts]) for i in (0, 1, 3, 4, 5)
+    )
+    return Rows(y, number, own, np.array(spreads), regressor, force, behind)
+
+
+def _unsteady(records: ArmRecords) -> Bools:
+    """Samples within the smoothing of a start or stop of any joint, shape (n,)."""
+    found = np.zeros(len(records.motion.q), bool)
+    for record in records.records.values():
+        half = record.smoothing_window // 2
+        changes = np.flatnonzero(np.diff(directions(record)) != 0)
+        for offset in range(-half, half + 2):
+            found[np.clip(changes + offset, 0, found.size - 1)] = True
+    return found
+
+
+def _force_of_delays(records: ArmRecords, joint: str, pick: Ints) -> Floats:
+    """Force of a joint beyond the model per second by which a clock is behind, (n, njoints)."""
+    found = np.empty((pick.size, len(records)))
+    for k, name in enumerate(records):
+        ends = []
+        # Over as long a time as a clock may be off: a slope would have the noise of the jerk.
+        for late in (-_LATE, _LATE):
+            moved = records.motion_of(joint, {name: late})
+            force = records.arm.force_alone(Motion(*(one[pick] for one in moved)))
+            ends.append(force[:, list(records).index(joint)])
+        found[:, k] = (ends[1] - ends[0]) / (2.0 * _LATE)
+    return found
 
 
 def groups_of(
@@ -281,6 +432,8 @@ def groups_of(
         # Not by columns of the drive, which with masses of none would explain any record.
         scale = np.where(rows.joint == j, -rows.force, 0.0)
         found.append(Group("drive", joint, scale[:, None], np.array([_GAIN])))
+        if len(joints) > 1:
+            found.append(Group("clock", joint, rows.behind[:, j : j + 1], np.array([_LATE])))
     return found
 
 
@@ -321,9 +474,7 @@ class Regression:
         noise = np.ones(self.rows.y.size)
         weight = np.ones(self.rows.y.size)
         for _ in range(_ROUNDS):
-            pick = self._pick(some)
-            found = np.linalg.solve(self._information(pick), self._right[pick])
-            left = self.rows.y - self._columns[:, pick] @ found
+            left = self.residuals(some)
             for j in range(int(self.rows.joint.max(initial=-1)) + 1):
                 mine = self.rows.joint == j
                 e = left[mine]
@@ -332,6 +483,24 @@ class Regression:
                 # What is correlated over rows counts as fewer of them.
                 noise[mine] = spread * math.sqrt(_variance_inflation(e, weight[mine]))
             self._weight_rows(noise, weight)
+
+    def residuals(self, some: Iterable[int]) -> Floats:
+        """Force that friction and some of the groups do not explain, shape (nrows,)."""
+        pick = self._pick(some)
+        found = np.linalg.solve(self._information(pick), self._right[pick])
+        return np.asarray(self.rows.y - self._columns[:, pick] @ found)
+
+    def unlikely_links(self, chosen: Sequence[int]) -> list[str]:
+        """Links with masses or centres that are as hardly any model has them wrong."""
+        found = set[str]()
+        for i, (mean, _) in self.solve_groups(chosen).items():
+            group = self.groups[i]
+            if group.kind in ("mass", "masses"):
+                off = np.abs(mean) > HARDLY * group.spread
+                found |= {of for of, one in zip(group.of.split(", "), off, strict=True) if one}
+            elif group.kind == "centre" and bool((np.abs(mean) > HARDLY * group.spread).any()):
+                found.add(group.of)
+        return sorted(found)
 
     def _pick(self, some: Iterable[int]) -> Ints:
         """Columns of the friction, and of some groups."""
@@ -417,13 +586,11 @@ class Regression:
         return found
 
     def errors(self, chosen: Sequence[int]) -> Iterator[ModelError]:
-        """The chosen groups as errors of the model; the drive of a joint is none."""
+        """The chosen groups as errors of the model and of the log."""
         now = self.evidence(chosen)
         solved = self.solve_groups(chosen)
         for i in chosen:
             group, (mean, covariance) = self.groups[i], solved[i]
-            if group.kind == "drive":
-                continue
             without = [k for k in chosen if k != i]
             others = tuple(
                 one.name for k, one in enumerate(self.groups)
@@ -439,7 +606,10 @@ def _errors(
     group: Group, mean: Floats, unsure: Floats, gain: float, others: tuple[str, ...]
 ) -> Iterator[ModelError]:
     """Errors of a group: one, or one of each link whose mass is surely another."""
-    if group.kind == "centre":
+    if group.kind in ("drive", "clock"):
+        value = 1.0 - float(mean[0]) if group.kind == "drive" else float(mean[0])
+        yield ModelError(group.kind, group.of, value, float(unsure[0]), (), (), (), gain, others)
+    elif group.kind == "centre":
         place = tuple(mean.tolist())
         by = tuple(unsure.tolist())
         yield ModelError("centre", group.of, 1.0, 0.0, place, by, (), gain, others)

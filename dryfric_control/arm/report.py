@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 _SHOWN = 2000
 # Width and height of a picture [in].
 _SIZE = (10.0, 3.4)
+# Dots per inch of it.
+_DPI = 110
 _TEMPLATES = jinja2.Environment(
     loader=jinja2.PackageLoader("dryfric_control.arm", "."),
     autoescape=True,
@@ -42,7 +44,7 @@ def write_page(found: ArmDiagnoses, path: str | os.PathLike[str]) -> Path:
     target = file_path("path", path)
     pictures = {joint: joint_figure(found, joint) for joint in found}
     shown = [
-        Markup(table(part, as_html=True)) if isinstance(part, list) else part
+        Markup(table(part, as_html=True)) if isinstance(part, list) else typeset_signs(part)
         for part in found._summary_parts()
     ]
     page = _TEMPLATES.get_template("page.html")
@@ -59,7 +61,7 @@ def joint_figure(found: ArmDiagnoses, joint: str) -> str:
     left, right = figure.subplots(1, 2, width_ratios=(2, 3))
     draw_joint(found, joint, left, right)
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
+    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
     return base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
@@ -78,6 +80,8 @@ def draw_joint(found: ArmDiagnoses, joint: str, left: Any, right: Any) -> None:
     plain = axis.replace(effects=())
     draw_curve(nominal[0], left, fast, span, "nominal", color="C0", ls="--", lw=1.0)
     draw_curve(plain, left, fast, span, "with the causes", color="k", lw=1.2)
+    # Signed numbers with two decimals are wide.
+    left.locator_params(axis="x", nbins=5)
     label_axes(left, f"velocity [{length}/s]", typeset_signs(f"friction [{force}]"))
     right.plot(sliding.t, sliding.u, ".", color=MEASURED, ms=2, label="measured")
     right.plot(*_required_drive(*nominal), "C0--", lw=0.8, label="needed by the model")

@@ -56,6 +56,10 @@ class Payload(NamedTuple):
     second: Floats | None = None  # moments of inertia about the frame [kg m^2]; None for a point
 
 
+#: Kinds of errors of the model; the others are of the log.
+OF_LINKS = ("mass", "centre", "payload")
+
+
 class Change(Protocol):
     """What is wrong with the masses of a link, see `ModelError`."""
 
@@ -171,6 +175,15 @@ class RigidArm:
                 inertia[k, j] = ways[j] @ answer
         return force, inertia
 
+    def force_alone(self, motion: Motion) -> Floats:
+        """Force of each joint along a motion, shape (n, njoints)."""
+        mujoco = _import_mujoco()
+        force = np.empty((len(motion.q), len(self.joints)))
+        for k, ways in self._set_positions(motion):
+            mujoco.mj_inverse(self.model, self._data)
+            force[k] = ways @ self._data.qfrc_inverse
+        return force
+
     def regression_matrix(self, motion: Motion, links: Sequence[Link]) -> Floats:
         """Forces of the joints per inertial parameter, shape (n, njoints, nlinks, 10)."""
         mujoco = _import_mujoco()
@@ -225,7 +238,8 @@ class RigidArm:
         other._data = _import_mujoco().MjData(other.model)
         links = {link.name: link for link in self.links()}
         for error in errors:
-            other._change_link(links[error.link], error)
+            if error.kind in OF_LINKS:
+                other._change_link(links[error.link], error)
         return other
 
     def _change_link(self, link: Link, error: Change) -> None:

@@ -105,7 +105,8 @@ def causes_of(
     fitted = {n: (v, errors[n], units.get(n, "")) for n, v in final.values().items()}
     # Motion depends only on the ratio of all forces to a gain: nothing separates it from errors of
     # base parameters that together scale the others, if none of them is known.
-    gain_open = not problem.believed.effects and not {*problem.known, *problem.tolerance} & {*SLUGS}
+    sure = {*problem.known, *problem.tolerance}
+    gain_open = not problem.believed.effects and not sure & {*SLUGS, f"{GAIN}.gain"}
     every = [SLUGS[n] for n in SLUGS if float(values_of(problem.believed, [n])[0]) > 0.0]
     alternatives = {name: [*rivals.get(name, ())] for name in model.causes}
     if GAIN in alternatives and gain_open:

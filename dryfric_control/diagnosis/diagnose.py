@@ -133,7 +133,8 @@ def diagnose(
         The measured record: time, drive force, position, or the path of its file.  Several
         records of one machine share their causes.
     known : sequence of str, optional
-        Parameters whose nominal values are right, such as ``("mass",)``.
+        Parameters whose nominal values are right, such as ``("mass",)``; those of an effect
+        that the nominal axis has not, such as "input_gain.gain", if it is none.
     tolerance : mapping of str to float, optional
         Relative standard deviation of a nominal value, such as
         ``{"viscous": 0.5}``: a change within it is not reported as a finding.

@@ -52,7 +52,9 @@ def checked_knowledge(
         raise ValueError(f"tolerance must map {meant}, got {tolerance!r}")
     for argument, some in (("known", known), ("tolerance", tolerance)):
         for name in some:
-            if name not in (*_BASES, "inertia"):
+            if name not in (*_BASES, "inertia") and not (
+                argument == "known" and _is_of_effect(name)
+            ):
                 raise ValueError(
                     f"{argument}: {name!r} is no base parameter: choose from {', '.join(_BASES)}"
                 )
@@ -61,6 +63,13 @@ def checked_knowledge(
     if both := sorted({*names} & {*given}):
         raise ValueError(f"tolerance: {both[0]} is known already: name it in one of the two")
     return names, given
+
+
+def _is_of_effect(name: str) -> bool:
+    """Whether a name is that of a parameter of an effect, such as "input_gain.gain"."""
+    effect, _, own = name.partition(".")
+    found = class_of(effect)
+    return found is not None and own in found.parameters()
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,86 @@ def test_a_link_that_is_heavier_than_its_model():
     assert found.value == pytest.approx(1.0 / factor, rel=0.02)
 
 
+def test_a_joint_whose_clock_is_behind_is_named_and_its_coupling_put_right(log):
+    late = {k: np.roll(v, 1)[1:] if k.startswith("lift.") else v[1:] for k, v in log.items()}
+    records = dfc.arm_records(MODEL, late, payload={"hand": (PAYLOAD, PLACE)})
+    (found,) = records.model_errors()
+    assert (found.kind, found.link) == ("clock", "lift")
+    assert found.value == pytest.approx(0.01, abs=6e-4)  # three standard errors of 0.2 ms
+    assert "samples of lift are" in found.sentence and "behind" in found.sentence
+    right = records.without([found])
+    for joint, (axis, record) in right.items():
+        # 1 %, as where the clocks are one.
+        fitted = dfc.fit(axis, record, starts=1).parameters["coulomb"]
+        assert fitted == pytest.approx(TRUE[joint][0], rel=0.01)
+    assert right.late == {"lift": found.value} and right.model_errors() == ()
+
+
+def test_a_drive_logged_at_another_scale_is_named_and_put_right(log):
+    weak = log | {"lift.effort": 0.5 * log["lift.effort"]}
+    records = dfc.arm_records(MODEL, weak, payload={"hand": (PAYLOAD, PLACE)})
+    (found,) = records.model_errors()
+    assert (found.kind, found.link) == ("drive", "lift")
+    assert found.value == pytest.approx(0.5, rel=0.01)
+    assert "drive of lift is logged at 0.5" in found.sentence
+    axis, record = records.without([found])["lift"]
+    assert "u: over 0.5" in record.notes[-2]
+    fitted = dfc.fit(axis, record, starts=1).parameters["coulomb"]
+    assert fitted == pytest.approx(TRUE["lift"][0], rel=0.01)
+
+
+def exchanged(log, one, other):
+    pairs = {f"{a}.{k}": log[f"{b}.{k}"] for a, b in ((one, other), (other, one))
+             for k in ("position", "effort")}  # fmt: skip
+    return log | pairs
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"lift.position": lambda x: -x}, r"positions of lift have the opposite sign"),
+        ({"lift.effort": lambda u: -u}, r"drives of lift have the opposite sign"),
+        (
+            {"lift.position": lambda x: -x, "lift.effort": lambda u: -u},
+            r"the axis of lift has the opposite direction",
+        ),
+        (
+            {"lift.position": lambda x: x + 0.5 * np.pi},
+            r"the zero of lift is another one \(x -90 deg\)",
+        ),
+        ({"lift.effort": lambda u: 1000.0 * u}, r"another unit.*lift 1e\+03\)"),
+    ],
+)
+def test_a_reading_that_was_meant_otherwise_is_named(log, changes, says):
+    wrong = log | {name: change(log[name]) for name, change in changes.items()}
+    records = dfc.arm_records(MODEL, wrong, payload={"hand": (PAYLOAD, PLACE)})
+    with pytest.raises(ValueError, match=rf"the log fits the model if .*{says}"):
+        records.model_errors()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("one", "other"), [("lift", "elbow"), ("wrist1", "wrist2")])
+def test_joints_that_are_exchanged_are_named(log, one, other):
+    records = dfc.arm_records(MODEL, exchanged(log, one, other), payload={"hand": (PAYLOAD, PLACE)})
+    with pytest.raises(ValueError, match=f"if {one} and {other} are exchanged; anyway=True"):
+        records.model_errors()
+    with pytest.warns(dfc.RecordWarning, match="are exchanged"):
+        assert records.model_errors(anyway=True)
+
+
+def test_a_log_of_another_robot_is_refused(log):
+    # All masses of this model are half, and all lengths 0.6 of those of the robot.
+    model = mujoco.MjModel.from_xml_path(str(MODEL))
+    model.body_mass[:] *= 0.5
+    model.body_inertia[:] *= 0.5 * 0.6**2
+    model.body_pos[:] *= 0.6
+    model.body_ipos[:] *= 0.6
+    records = dfc.arm_records(model, log)
+    with pytest.raises(ValueError, match=r"does not fit the model, or only .*another robot"):
+        records.model_errors()
+
+
 def without(log, *joints):
     return {k: v for k, v in log.items() if k.split(".")[0] not in joints}
 

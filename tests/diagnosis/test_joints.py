@@ -149,3 +149,11 @@ def test_one_command_from_a_log_to_the_model(tmp_path, capsys, monkeypatch):
     assert "--joints elbw is not there. Did you mean 'elbow'?" in capsys.readouterr().err
     assert main(["joints", "run.csv", "--model", "arm.urdf"]) == 2
     assert "give --axes" in capsys.readouterr().err
+
+
+def test_an_effect_that_is_known_to_be_none_is_no_cause(cases):
+    wrist = {"wrist": cases["wrist"]}
+    found = dfc.diagnose_joints(wrist, known=("bias_force.force",), progress=False)["wrist"]
+    assert "bias_force" not in [cause.effect for cause in found.causes]
+    with pytest.raises(ValueError, match="'bias_force.width' is no base parameter"):
+        dfc.diagnose_joints(wrist, known=("bias_force.width",), progress=False)

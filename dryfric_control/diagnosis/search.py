@@ -552,12 +552,10 @@ class Search:
             worst = min(worth, key=worth.__getitem__)
             lost = [worst] if worth[worst] <= 0.0 else []
             alone = self._strong_evidence(now)
-            for name in now.causes:
-                if (
-                    free_runs
-                    and worth[name] < alone
-                    and not self._is_visible(less[name].fit, now.fit)
-                ):
+            for name in now.causes if free_runs else ():
+                if worth[name] < alone and not self._is_visible(less[name].fit, now.fit):
+                    lost.append(name)
+                elif effect_class(name).remembers and self._is_harmful(less[name].fit, now.fit):
                     lost.append(name)
             if not lost:
                 return now
@@ -594,6 +592,15 @@ class Search:
         simpler = before.sum() - after.sum() > before.max(initial=0.0) + MIN_EVIDENCE
         fall, error = in_free_runs(self.problem, less, more)
         return bool(simpler) or fall > max(MIN_SCORE_FALL, MIN_SCORE_FALL_ERRORS * error)
+
+    def _is_harmful(self, less: Solution, more: Solution) -> bool:
+        """Whether free runs on unseen data err more with a cause than without.
+
+        Beside a memory the filter has other states and follows the readings more closely, which
+        its likelihood counts for the cause.
+        """
+        fall, error = in_free_runs(self.problem, less, more)
+        return fall < -max(MIN_SCORE_FALL, MIN_SCORE_FALL_ERRORS * error)
 
     def _odds(self, name: str) -> float:
         return self.odds.get(name, self.odds.get(effect_class(name).slug, 0.0))

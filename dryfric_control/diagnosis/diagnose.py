@@ -33,6 +33,7 @@ from dryfric_control.diagnosis.inputs import (
     imposed_search,
     with_input_lead,
 )
+from dryfric_control.diagnosis.invariants import is_pressed_to_bound
 from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.remaining import Remaining, remaining_force
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
@@ -94,6 +95,10 @@ _RATIOS = (
     "the record fixes mass, friction and all forces only as ratios to the gain of the drive, "
     "which keeps its nominal value: the errors include a factor of 1.4 for it; if the gain or "
     'the mass is known, say so: known=("mass",)'
+)
+_IMPOSSIBLE_MASS = (
+    "the mass ended at a bound, {:.2g} times its nominal value, to make up for what is missing, so "
+    "no causes are reported: what acts is not in the catalogue"
 )
 _LITTLE = (
     "{} of the error is left by the best set of candidates, so none is reported as a cause: what "
@@ -320,7 +325,7 @@ class _Answer:
         better = [name for name, cost in references.items() if cost < final.cost]
         if self.found.worse:
             better.append("free runs of the nominal axis")
-        if self.causes and self._reject_causes(better):
+        if self.causes and self._reject_causes(better, final):
             final = self._without_causes(final)
         if self.finished:
             self._compare_records(final)
@@ -399,11 +404,15 @@ class _Answer:
         """The nominal axis with its noises fitted."""
         return self.problem.reference(self.problem.believed, noises=noises_of(final))
 
-    def _reject_causes(self, better: Sequence[str]) -> bool:
+    def _reject_causes(self, better: Sequence[str], final: Solution) -> bool:
         """Whether the causes explain too little to be reported, with a message if so."""
         left = self.found.left
+        slugs = [cause.effect for cause in self.causes]
         if better:
             text = f"not better than {' and '.join(better)}: no causes are reported"
+        elif "inertia" not in slugs and is_pressed_to_bound(final, "mass"):
+            # A mass that no one would name takes part in all forces.
+            text = _IMPOSSIBLE_MASS.format(final.axis.mass / self.problem.believed.mass)
         elif left.significant and left.fraction > MAX_UNEXPLAINED_FRACTION:
             names = ", ".join(cause.title for cause in self.causes)
             text = _LITTLE.format(percent(left.fraction), names)

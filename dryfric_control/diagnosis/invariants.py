@@ -75,12 +75,17 @@ def rejection_reason(problem: Problem, fit: Solution, name: str, own: Sequence[s
     reason = infeasible_reason(problem, fit, name, own)
     if reason:
         return reason
-    if any(full in fit.at_bound and _is_beyond_bound(fit, full) for full in own):
+    if any(is_pressed_to_bound(fit, full) for full in own):
         return "ended at a bound"
     there: dict[bool, list[bool]] = {False: [], True: []}
     for full, neutral, optional in free_amounts(name, own):
         there[optional].append(_loss(fit, full, neutral) > MIN_EVIDENCE)
     return "" if all(there[False]) or any(there[True]) else "not determined"
+
+
+def is_pressed_to_bound(fit: Solution, name: str) -> bool:
+    """Whether data want a parameter beyond the bound at which it ended."""
+    return name in fit.at_bound and _is_beyond_bound(fit, name)
 
 
 def _is_beyond_bound(fit: Solution, name: str) -> bool:

@@ -113,8 +113,6 @@ BESIDE_LOAD = ("compliance", "presliding", "bias_force", "actuator_lag", "input_
         ("backlash", 96, "exact", 14_000, ("backlash", "compliance")),
         # Such plays are a plain, the right one is a ridge beside it.
         ("backlash", 82, "exact", 20_000, ("backlash", "compliance")),
-        # The filter of two masses follows coarse readings closely, with which free runs err more.
-        ("stribeck", 91, "coarse", 20_000, ("stribeck", "compliance")),
     ],
 )
 def test_causes_are_named_beside_their_rivals(hidden, seed, condition, samples, candidates):

@@ -5,6 +5,7 @@ another order, differs by less than anything that it resolves, and is told the s
 """
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from diagnosis_cases import among, believed, causes, driven, foreign, record
 from truth import make_case
 
 import dryfric_control as dfc
+from dryfric_control.diagnosis import search as search_module
+from dryfric_control.diagnosis.diagnose import _Answer
 from dryfric_control.estimation.windows import cut
 from dryfric_control.identification import slow_ramp_experiment
 from dryfric_control.identification.stribeck import stick_phases
@@ -210,3 +213,42 @@ def test_the_answer_hangs_on_no_name_and_no_order():
     assert causes(found) == causes(right)
     # The order in which candidates are fitted leaves no trace in the numbers.
     assert found.causes[0].parameters == right.causes[0].parameters
+
+
+@pytest.mark.parametrize(
+    ("slug", "bound", "reported"),
+    [("coulomb", (), True), ("coulomb", ("mass",), False), ("inertia", ("mass",), True)],
+)
+def test_no_cause_is_named_beside_a_mass_that_no_one_would_name(slug, bound, reported):
+    """It ended at its bound to make up for what is missing: the forces of causes follow it."""
+    answer = SimpleNamespace(
+        causes=[SimpleNamespace(effect=slug, title=slug)], messages=[],
+        found=SimpleNamespace(left=SimpleNamespace(significant=False, fraction=0.0)),
+        problem=SimpleNamespace(believed=BASE),
+    )  # fmt: skip
+    fit = SimpleNamespace(
+        at_bound=bound, axis=BASE.replace(mass=8.0), gradients=np.zeros((1, 1)) + 30.0,
+        z=np.zeros(1), problem=SimpleNamespace(names=("mass",)),
+    )  # fmt: skip
+    assert _Answer._reject_causes(answer, [], fit) is not reported
+    assert reported or "4 times its nominal value" in answer.messages[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "fall", "kept"),
+    [
+        ("compliance", -0.10, False),
+        ("compliance", -0.01, True),  # less than a fall that shows
+        ("compliance", 0.10, True),
+        ("stribeck", -0.10, True),  # which the force alone shows
+    ],
+)
+def test_a_memory_with_which_free_runs_err_more_is_no_cause(monkeypatch, name, fall, kept):
+    """A coarse record with a Stribeck peak: likelier by 333 with a compliance, and 20 times off."""
+    monkeypatch.setattr(search_module, "in_free_runs", lambda problem, less, more: (fall, 0.01))
+    search = search_module.Search(problem=None)
+    search.weigh_causes = search._remove_implausible = lambda model: model
+    bare = search_module.Model(SimpleNamespace())
+    worth = {name: 333.0}
+    model = search_module.Model(SimpleNamespace(), (name,), worth, less={name: bare})
+    assert search.eliminate_causes(model) is (model if kept else bare)

@@ -135,8 +135,13 @@ class ModelView:
 
     @cached_property
     def fast(self) -> float:
-        """Largest usual speed [m/s]."""
-        return max(float(np.quantile(np.abs(self.v), 0.9)), self.quantum / self.duration)
+        """Largest usual speed, of its motion where it rests most of the time [m/s]."""
+        least = self.quantum / self.duration
+        usual = float(np.quantile(np.abs(self.v), 0.9))
+        slides = self.direction != 0.0
+        if usual <= least and slides.any():
+            usual = float(np.quantile(np.abs(self.v[slides]), 0.9))
+        return max(usual, least)
 
     @cached_property
     def top(self) -> float:

@@ -31,7 +31,7 @@ from dryfric_control.diagnosis.thresholds import (
 )
 from dryfric_control.estimation.force_view import ForceView
 from dryfric_control.estimation.likelihood import BASE, NORMAL_VARIANCE_RATIO, Likelihood, Run
-from dryfric_control.estimation.parameters import SHIFT, Scales, typical, values_of
+from dryfric_control.estimation.parameters import SHIFT, Scales, typical, values_of, with_values
 from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, maximise
 from dryfric_control.estimation.smoothed_motion import SmoothedMotion
 from dryfric_control.estimation.solution import Solution
@@ -212,6 +212,11 @@ class Problem:
                 low, high = shown_range(p.name, records, self.believed.travel)
                 problem.low[j] = max(problem.low[j], p.search(max(low, p.low)))
                 problem.high[j] = min(problem.high[j], p.search(min(high, p.high)))
+                if problem.low[j] > problem.high[j]:
+                    # A start that is far from all that the records show begins at the end of that.
+                    value = float(np.clip(values_of(axis, [p.name])[0], low, high))
+                    nearer = with_values(axis, [p.name], [value])
+                    return self.likelihood(nearer, free, base, wonder, each)
         return problem
 
     def fit(

@@ -135,6 +135,24 @@ def test_shapes_of_every_effect(here, turning, name):
         assert shape.shapes >= 1.0 and shape.most > 0.0
 
 
+def test_the_usual_speed_of_an_axis_that_rests_most_of_the_time_is_that_of_its_motion():
+    """Of all samples it would be zero, and a peak over a part of it one that no step resolves."""
+    t = DT * np.arange(4000)
+    u = np.where(t % 1.0 < 0.03, 20.0, 0.0) * np.where(t % 2.0 < 1.0, 1.0, -1.0)
+    x = 1e-6 * np.round(1e6 * AXIS.simulate(u, dt=DT).y[0])
+    here = view_of(AXIS, dfc.Record(t, u, x))
+    assert (here.direction == 0.0).mean() > 0.9
+    assert 0.05 < here.fast < 0.5
+
+
+def test_bounds_of_a_start_far_below_what_the_record_shows_stay_in_order():
+    record = driven(AXIS)
+    slow = AXIS.replace(effects=(dfc.effects.StribeckAsymmetry(difference=1.0, speed=5e-10),))
+    likelihood = Problem(AXIS, (prepare(record),)).likelihood(slow, ("stribeck_asymmetry.speed",))
+    assert np.all(likelihood.low <= likelihood.high)
+    assert likelihood.axis_at(likelihood.low, 0).effects[0].speed >= 1e-5
+
+
 def test_a_force_at_rest_leaves_no_trace_in_the_innovations(here):
     still = np.where(here.direction == 0.0, 1.0, 0.0)
     still[1:] *= still[:-1] > 0.0

@@ -94,20 +94,18 @@ def play(x, gap):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def behind_bristles(levels, x, length):
-    """Friction by small changes of the level, shape (n, c), behind bristles of a length.
+def behind_bristles(level, x, length):
+    """Friction by a small change of the level, shape (n,), behind bristles of a length.
 
     Their force F = k z follows dF/dx = k (1 - s F/level), so that a small change of the level
     appears in the share F/level that the bristles have built up, and over the same length.
     """
-    n, c = levels.shape
-    force = np.zeros((n, c))
+    force = np.zeros(x.size)
     share = 0.0
-    for k in range(1, n):
+    for k in range(1, x.size):
         way = x[k] - x[k - 1]
         rest = np.exp(-abs(way) / length)
         share = np.sign(way) + (share - np.sign(way)) * rest
-        for j in range(c):
-            aim = -share * levels[k, j]
-            force[k, j] = aim + (force[k - 1, j] - aim) * rest
+        aim = -share * level[k]
+        force[k] = aim + (force[k - 1] - aim) * rest
     return force

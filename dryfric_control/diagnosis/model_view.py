@@ -183,11 +183,11 @@ class ModelView:
         """A friction force, as its level alone would give it, behind the bristles of the model."""
         if not self.bristle_length > 0.0:
             return force
-        levels = (-self.direction * force)[:, None]
+        level = -self.direction * force
         parts = [
-            behind_bristles(levels[part], self.x[part], self.bristle_length) for part in self.slices
+            behind_bristles(level[part], self.x[part], self.bristle_length) for part in self.slices
         ]
-        return np.concatenate(parts)[:, 0]
+        return np.concatenate(parts)
 
     def base_forces(self, names: Sequence[str]) -> list[Floats]:
         """Forces of base parameters, each for a relative change of 1."""

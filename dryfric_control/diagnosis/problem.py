@@ -330,8 +330,4 @@ def _with_long_strokes(run: Run, motion: SmoothedMotion) -> Run:
     path = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(motion.x)))))
     path = np.append(path, path[-1])
     best = int(np.argmax((path[ends] - path[starts]) / (ends - starts)))
-    start = int(starts[best])
-    end = int(ends[best])
-    active = run.active.copy()
-    active[:start] = active[end:] = False
-    return replace(run, active=active, pieces=((start, end),))
+    return run.on_stretch(int(starts[best]), int(ends[best]))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -148,6 +148,12 @@ class Run:
     floor: float  # lower bound of the variance of a reading
     # RMS of the input, or the force of the motion if more: the scale of the random force.
     drive: float
+
+    def on_stretch(self, start: int, end: int) -> Run:
+        """The record on the samples from `start` to before `end` alone."""
+        active = self.active.copy()
+        active[:start] = active[end:] = False
+        return replace(self, active=active, pieces=((start, end),))
 
 
 def prepare(

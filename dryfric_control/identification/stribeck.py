@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -267,10 +267,7 @@ def _around_breakaways(run: Run, sticks: Sticks) -> Run:
     first = (sticks.end.size - _SEARCHED) // 2
     if first < 1:
         return run
-    start, end = int(sticks.begin[first]), int(sticks.begin[first + _SEARCHED])
-    active = run.active.copy()
-    active[:start] = active[end:] = False
-    return replace(run, active=active, pieces=((start, end),))
+    return run.on_stretch(int(sticks.begin[first]), int(sticks.begin[first + _SEARCHED]))
 
 
 def _branches(

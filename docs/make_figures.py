@@ -16,6 +16,7 @@ import dryfric_control as dfc
 from dryfric_control import presets
 from dryfric_control.demo import save
 from dryfric_control.drawing import title_above
+from dryfric_control.estimation.force_residual import Sliding
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.scoring import maximise
 
@@ -107,6 +108,55 @@ def force_first() -> None:
     figure.savefig(IMAGES / "likelihood.png", dpi=110)
 
 
+def invariants() -> None:
+    """Forces of a regression in which two cancel, beside those of an axis with its causes."""
+    nominal = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    machine = nominal.replace(effects=(dfc.effects.Cogging(amplitude=3.0, period=0.3),))
+    t = np.arange(10000) * 1e-3
+    u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0)
+    x = 1e-6 * np.round(1e6 * machine.simulate(u, dt=1e-3).y[0])
+    record = dfc.Record(t, u, x)
+    extended = dfc.diagnose(nominal, record).extended
+    slide = Sliding(record)
+    drive, inertia = np.abs(slide.u).max(), extended.mass * np.abs(slide.a).max()
+    bare = extended.replace(effects=(), viscous=0.0, coulomb=0.0, stribeck=None)
+    angle = 2.0 * np.pi * slide.x / (20.0 * np.ptp(slide.x))
+    columns = {
+        "inertia": slide.a,
+        "viscous": slide.v,
+        "Coulomb": slide.direction,
+        "weight": np.ones_like(slide.x),
+        "cogging, 20 travels": np.column_stack((np.sin(angle), np.cos(angle))),
+    }
+    everything = np.column_stack(tuple(columns.values()))
+    amounts = np.linalg.lstsq(everything, slide.u, rcond=None)[0]
+    parts = np.split(amounts, np.cumsum([np.ndim(c) for c in columns.values()])[:-1])
+    regression = {
+        name: np.abs(column @ part if column.ndim > 1 else column * part).max()
+        for (name, column), part in zip(columns.items(), parts, strict=True)
+    }
+    alone = {
+        "viscous": bare.replace(viscous=extended.viscous),
+        "Coulomb": bare.replace(coulomb=extended.coulomb),
+        **{one.title: bare.replace(effects=(one,)) for one in extended.effects},
+    }
+    without = slide.force_residual(bare)
+    answer = {"inertia": inertia} | {
+        name: np.abs(slide.force_residual(axis) - without).max() for name, axis in alone.items()
+    }
+    figure, axes = plt.subplots(1, 2, figsize=(8.0, 2.6), layout="constrained")
+    for row, (name, forces) in zip(
+        axes, {"regression": regression, "diagnosis": answer}.items(), strict=True
+    ):
+        row.barh(list(forces), list(forces.values()), color="C0")
+        row.axvline(max(drive, inertia), color="k", lw=0.8, ls="--", label="largest in the record")
+        row.invert_yaxis()
+        row.set_xlabel("largest force [N]")
+        row.set_title(name, loc="left")
+    axes[1].legend(loc="lower right", frameon=False)
+    figure.savefig(IMAGES / "invariants.png", dpi=110)
+
+
 def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     save(modes(), IMAGES / "modes.png")
@@ -127,6 +177,7 @@ def main() -> None:
     save(run.plot(), IMAGES / "observer_loop.png")
     tutorial()
     force_first()
+    invariants()
 
 
 if __name__ == "__main__":

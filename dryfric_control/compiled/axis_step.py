@@ -48,10 +48,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import cfunc, njit, types
+from numba import cfunc, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from dryfric_control.compiled.cached import njit
 from dryfric_control.compiled.roots import (
     illinois_bracket,
     larger_step,

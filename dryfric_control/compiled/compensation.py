@@ -10,9 +10,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dryfric_control.compiled import axis_step, observer
+from dryfric_control.compiled.cached import njit
 from dryfric_control.compiled.loop import advance_plant, encode
 
 #: Source of the friction estimate.

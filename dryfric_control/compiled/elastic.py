@@ -10,9 +10,10 @@ import functools
 import math
 from typing import NamedTuple
 
-from numba import cfunc, njit
+from numba import cfunc
 
 from dryfric_control.compiled import axis_step as step
+from dryfric_control.compiled.cached import njit
 from dryfric_control.compiled.roots import illinois_bracket, larger_step, margin_step, secant_point
 
 # Error of the cut at a switch, as a fraction of the error allowed for a step.

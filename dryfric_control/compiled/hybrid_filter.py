@@ -16,9 +16,8 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from dryfric_control.compiled import axis_step
+from dryfric_control.compiled.cached import njit
 from dryfric_control.compiled.observer import (
     LINE,
     MODE,

@@ -19,10 +19,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from dryfric_control.compiled import axis_step as step
 from dryfric_control.compiled import elastic, two_masses
+from dryfric_control.compiled.cached import njit
 from dryfric_control.compiled.likelihood import FIRST, cost_of
 from dryfric_control.compiled.states import (
     keep_states,

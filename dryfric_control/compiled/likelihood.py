@@ -6,7 +6,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from dryfric_control.compiled.cached import njit
 
 #: Degrees of freedom of the innovations.
 FREEDOM = 4.0

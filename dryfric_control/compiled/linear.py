@@ -12,7 +12,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+
+from dryfric_control.compiled.cached import njit
 
 
 class Recursion(NamedTuple):

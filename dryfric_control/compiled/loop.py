@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from dryfric_control.compiled import axis_step
+from dryfric_control.compiled.cached import njit
 
 # Largest span of the velocity estimate [samples]; it sizes the controller's memory.
 LONGEST_SPAN = 8

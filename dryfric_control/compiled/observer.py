@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from numba import njit
-
 from dryfric_control.compiled import axis_step
+from dryfric_control.compiled.cached import njit
 
 #: Rules that determine the mode.
 PAPER = 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from numba import njit
+from dryfric_control.compiled.cached import njit
 
 # Safety factor of the step-size rule.
 _SAFETY = 0.9

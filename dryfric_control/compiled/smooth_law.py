@@ -17,9 +17,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from dryfric_control.compiled import axis_step as step
+from dryfric_control.compiled.cached import njit
 
 #: Parameters of a law: width of tanh (0: bristles), stiffness and damping of bristles.
 WIDTH, STIFFNESS, DAMPING = range(3)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dryfric_control.compiled import axis_step
+from dryfric_control.compiled.cached import njit
 from dryfric_control.compiled.states import first_state, follow_motion, forget_states
 
 # Search for a start state (`benchmarks/diagnosis.py`, exact and off).

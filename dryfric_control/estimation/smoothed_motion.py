@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from scipy.ndimage import binary_dilation, gaussian_filter1d
 
 from dryfric_control.arrays import Bools, Floats, Ints
+from dryfric_control.compiled.cached import njit
 from dryfric_control.estimation.force_residual import at_the_mass
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap

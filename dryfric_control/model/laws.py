@@ -12,12 +12,12 @@ from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from scipy.integrate import solve_ivp
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance, one_of, positive, samples
 from dryfric_control.compiled import axis_step, smooth_law
+from dryfric_control.compiled.cached import njit
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.text import stated, with_parameters
 

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import control as ct
 import numpy as np
-from numba import njit
 
 from dryfric_control.arrays import Floats, Ints
 from dryfric_control.checks import check_boolean, increment, positive, sampling_time
 from dryfric_control.compiled import axis_step
+from dryfric_control.compiled.cached import njit
 from dryfric_control.compiled.observer import (
     LINE,
     MODE,

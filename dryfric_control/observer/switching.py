@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dryfric_control.arrays import Floats
+from dryfric_control.compiled.cached import njit
 from dryfric_control.observer.error_model import ErrorModel
 from dryfric_control.ties import stable_order
 

@@ -46,3 +46,24 @@ def test_imports_and_says_what_to_set(tmp_path):
 def test_says_nothing_where_a_folder_is_given(tmp_path):
     told, folder = run(NUMBA_CACHE_DIR=str(tmp_path))
     assert told == "[]" and folder.startswith(str(tmp_path))
+
+
+def test_processes_write_files_of_their_own(tmp_path):
+    # With equal names, two that compile a function for other types at once would leave an index
+    # that gives the code for the types of the other.
+    program = (
+        "import numpy as np\n"
+        "from dryfric_control.compiled.axis_step import polynomial\n"
+        "polynomial(np.ones(2), 0, 2, 1.0)\n"
+        "assert not sum(polynomial.stats.cache_hits.values())\n"
+    )
+    names = []
+    for folder in (tmp_path / "one", tmp_path / "other"):
+        environment = os.environ | {
+            "NUMBA_CACHE_DIR": str(folder),
+            "PYTHONPATH": str(Path(dryfric_control.__file__).parents[1]),
+        }
+        subprocess.run([sys.executable, "-c", program], env=environment, check=True)
+        names.append({path.name for path in folder.rglob("*.polynomial-*.nbc")})
+    assert all(names)
+    assert names[0].isdisjoint(names[1])

@@ -32,7 +32,7 @@ _INCH = 0.0254
 _FOOT = 0.3048
 # A pound of force [N].
 _POUND = 4.4482216152605
-_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "MM": 1e-3, "micron": 1e-6, "nm": 1e-9,
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "micron": 1e-6, "nm": 1e-9,
             "in": _INCH, "inch": _INCH, "inches": _INCH, "mil": 1e-3 * _INCH, "ft": _FOOT,
             "foot": _FOOT, "feet": _FOOT}  # fmt: skip
 _ANGLES = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": _DEGREE, "degree": _DEGREE,

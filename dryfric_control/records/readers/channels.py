@@ -355,8 +355,11 @@ def _ambiguity_error(
     shared = any(one and not any(parse_heading(names[k])[2] for k in one) for one in others)
     first = joints[0] if several and joints[0] and not shared else ""
     joint: Any = int(first) if first.isdigit() else first
-    mend = {"joint": joint} if first else {"columns": {role: headings[found[0]].strip()}}
-    ways = " or ".join(f'columns={{"{role}": {headings[k].strip()!r}}}' for k in found[:4])
+    # Of two with one heading only the index says which.
+    own = [headings[k].strip() for k in found]
+    said: list[Any] = [h if own.count(h) == 1 else k for k, h in zip(found, own, strict=True)]
+    mend = {"joint": joint} if first else {"columns": {role: said[0]}}
+    ways = " or ".join(f'columns={{"{role}": {one!r}}}' for one in said[:4])
     return RefusalError(
         f"{where}: {', '.join(repr(names[k]) for k in found)} could each be {role}; "
         f'say which: columns={{"{role}": ...}}, that is {ways}'

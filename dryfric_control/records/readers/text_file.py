@@ -36,11 +36,12 @@ _NUMBER = re.compile(
     re.ASCII | re.IGNORECASE,
 )
 _FORTRAN = re.compile(r"(?<=[\d.])(?:[dD]([+-]?)|([+-]))(?=\d)")
-#: Words for a number that is not there.
+#: Words for no unit, and for a number that is not there.
+_NO_UNIT = ("-", "--", "n/a", "none")
 _NO_NUMBER = ("", "nan", "-nan", "null", "none", "na", "n/a", "#n/a", "-", "--", "---")
 _WHOLE = re.compile(r"[+-]?\d{1,19}", re.ASCII)
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
-_DELIMITERS = (";", "\t", ",", None)  # None: runs of blanks
+_DELIMITERS = (";", "\t", ",", "|", None)  # None: runs of blanks
 # Rows of an export of TwinCAT Scope that is separated by colons.
 _SCOPE_COLONS = ("Name:", "Data-Type:", "SampleTime[ms]:")
 _LINE_LIMIT = 1_000_000
@@ -424,14 +425,22 @@ def _headings(above: list[str], notes: list[str], delimiter: str | None, width: 
     # A heading may hold a "#"; in a row of numbers it starts a comment.
     named = [_heading_cells(line, delimiter, width, cut=False) for line in above[-2:]]
     if named and named[-1]:
-        if len(named) == 2 and named[0] and all(not c or known_unit(c) for c in named[1]):
-            return [f"{n} [{u}]" if u else n for n, u in zip(named[0], named[1], strict=True)]
+        if len(named) == 2 and named[0] and (units := _row_of_units(named[1])):
+            return [f"{n} [{u}]" if u else n for n, u in zip(named[0], units, strict=True)]
         return named[-1]
     for line in reversed(notes):
         for mark in (delimiter, None):
             if found := _heading_cells(line.lstrip("#% "), mark, width):
                 return found
     return [""] * width
+
+
+def _row_of_units(cells: list[str]) -> list[str]:
+    """Units in a row under the headings, with brackets or not, empty for none; else no cells."""
+    units = [cell.strip("[]() ") for cell in cells]
+    units = ["" if unit in _NO_UNIT else unit for unit in units]
+    known = [known_unit(unit) is not None for unit in units if unit]
+    return units if any(known) and all(known) else []
 
 
 def _heading_cells(line: str, delimiter: str | None, width: int, cut: bool = True) -> list[str]:

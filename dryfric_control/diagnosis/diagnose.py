@@ -60,6 +60,7 @@ from dryfric_control.estimation.plausibility import (
 from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FINAL_ITERATIONS, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut, delay_input
+from dryfric_control.identification.identifiability import far_from_zero_messages
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.forces import TimePeriodic
 from dryfric_control.model.effects.naming import title_of
@@ -352,7 +353,11 @@ class _Answer:
             gain=self.found.gain,
             unexplained=self.found.left,
             next_experiment=experiment,
-            messages=(*self.messages, *_left_out(self.records)),
+            messages=(
+                *self.messages,
+                *_left_out(self.records),
+                *far_from_zero_messages(final.axis, self.records),
+            ),
             scores={k: -2.0 * v / samples for k, v in search.first.items()} | {"": 0.0},
             window=self.window,
             hold=self.problem.hold,

@@ -38,11 +38,12 @@ _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "micron": 1e-6, "nm": 
 _ANGLES = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": _DEGREE, "degree": _DEGREE,
            "degrees": _DEGREE, "°": _DEGREE, "arcmin": _DEGREE / 60, "arcsec": _DEGREE / 3600,
            "rev": _TURN, "revs": _TURN, "turn": _TURN, "turns": _TURN,
+           "Deg": _DEGREE, "DEG": _DEGREE, "Rad": 1.0, "RAD": 1.0,
            **dict.fromkeys(("Grad", "degré", "degrés", "grados", "gradi", "graus", "graden"),
                            _DEGREE)}  # fmt: skip
-_FORCES = {"N": 1.0, "uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "kN": 1e3, "MN": 1e6, "lbf": _POUND,
-           "lb": _POUND, "kip": 1e3 * _POUND, "klbf": 1e3 * _POUND, "ozf": _POUND / 16,
-           "oz": _POUND / 16, "kgf": 9.80665, "gf": 9.80665e-3}  # fmt: skip
+_FORCES = {"N": 1.0, "uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "daN": 10.0, "kN": 1e3, "MN": 1e6,
+           "lbf": _POUND, "lb": _POUND, "kip": 1e3 * _POUND, "klbf": 1e3 * _POUND,
+           "ozf": _POUND / 16, "oz": _POUND / 16, "kgf": 9.80665, "gf": 9.80665e-3}  # fmt: skip
 _TIMES = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
           "us": 1e-6, "usec": 1e-6, "ns": 1e-9, "nsec": 1e-9, "100 ns": 1e-7,
           "min": 60.0}  # fmt: skip
@@ -52,8 +53,8 @@ _TABLE: dict[str, Unit] = {
     **{k: Unit(f, "rad", "angle") for k, f in _ANGLES.items()},
     **{k: Unit(f, "N", "force") for k, f in _FORCES.items()},
     **{f"{a}{b}": Unit(_FORCES[a] * _LENGTHS[b], "N m", "torque") for a, b in (
-        ("N", "m"), ("N", "cm"), ("N", "mm"), ("mN", "m"), ("uN", "m"), ("kN", "m"), ("lbf", "in"),
-        ("lbf", "ft"), ("lb", "in"), ("lb", "ft"), ("ozf", "in"), ("oz", "in"),
+        ("N", "m"), ("N", "cm"), ("N", "mm"), ("mN", "m"), ("uN", "m"), ("daN", "m"), ("kN", "m"),
+        ("lbf", "in"), ("lbf", "ft"), ("lb", "in"), ("lb", "ft"), ("ozf", "in"), ("oz", "in"),
         ("kip", "in"), ("kip", "ft"), ("kgf", "cm"), ("kgf", "m"), ("gf", "cm"))},
     **{f"{b}{a}": Unit(_FORCES[a] * _LENGTHS[b], "N m", "torque") for a, b in (
         ("lbf", "in"), ("lbf", "ft"), ("lb", "in"), ("lb", "ft"), ("ozf", "in"), ("oz", "in"),
@@ -69,8 +70,8 @@ _TABLE: dict[str, Unit] = {
     **{f"{k}/{t}": Unit(f / s, "rad/s", "angular velocity") for k, f in _ANGLES.items()
        for t, s in _TIMES.items()},
     # Turns a minute as drives of each country print them.
-    **dict.fromkeys(("rpm", "RPM", "U/min", "Umdr/min", "1/min", "min-1", "min^-1", "tr/min",
-                     "giri/min", "omw/min", "obr/min"),
+    **dict.fromkeys(("rpm", "RPM", "r/min", "U/min", "Umdr/min", "1/min", "min-1", "min^-1",
+                     "tr/min", "giri/min", "omw/min", "obr/min"),
                     Unit(_TURN / 60, "rad/s", "angular velocity")),
     **{f"{k}/{s}": Unit(f, "m/s^2", "acceleration") for k, f in _LENGTHS.items()
        for s in ("s2", "s^2", "s²")},
@@ -78,8 +79,9 @@ _TABLE: dict[str, Unit] = {
        for s in ("s2", "s^2", "s²")},
     "g": Unit(9.80665, "m/s^2", "acceleration"),
     **dict.fromkeys(("counts", "count", "cnt", "cnts", "cts", "inc", "incs", "increments", "ticks",
-                     "tick", "LSB", "lsb", "digits", "pulses", "Inkremente", "Ink",
-                     "Impulse", "impulsions", "pulsos", "impulsi"), Unit(1.0, "counts", "raw")),
+                     "tick", "LSB", "lsb", "digits", "pulses", "pulse", "pls", "Inkremente", "Ink",
+                     "Impulse", "impulsions", "imp", "pts", "pulsos", "impulsi", "脉冲", "パルス",
+                     "펄스"), Unit(1.0, "counts", "raw")),
     **dict.fromkeys(("%", "percent"), Unit(1.0, "%", "raw")),
     **dict.fromkeys(("‰", "permille", "0.1 %", "0.1%"), Unit(0.1, "%", "raw")),
     **dict.fromkeys(("pu", "p.u."), Unit(100.0, "%", "raw")),
@@ -139,8 +141,9 @@ def si_unit(role: str, unit: str) -> tuple[float, str]:
     if base == "t" and (found is None or found.kind != "time"):
         raise ValueError(f"unit {unit!r} of the time is not known; use {_USUAL['t']}")
     if found is None:
+        alike = [name for name, known in _TABLE.items() if known.kind in _KINDS[base]]
         raise ValueError(
-            f"unit {unit!r} of {role} is not known{did_you_mean(unit, _TABLE)}; state it, "
+            f"unit {unit!r} of {role} is not known{did_you_mean(unit, alike)}; state it, "
             f'units={{"{base}": "..."}}: use {_USUAL[base]}, or give what one is worth: '
             f'gain={{"{base}": ...}} and units={{"{base}": "..."}} of the product'
         )

@@ -21,6 +21,7 @@ RESULTS = (
     "compensation.runtime.CompensatedController",
     "compensation.runtime.CompensationStepper",
     "diagnosis.Cause",
+    "diagnosis.Limits",
     "diagnosis.experiment.Experiment",
     "diagnosis.joints.JointDiagnoses",
     "identification.ForceRegression",

@@ -2,6 +2,7 @@
 
 from dryfric_control.diagnosis.diagnose import diagnose, diagnose_batch
 from dryfric_control.diagnosis.evidence import Evidence, evidence
+from dryfric_control.diagnosis.excitations import Limits
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
 from dryfric_control.diagnosis.joints import JointDiagnoses, diagnose_joints
 from dryfric_control.diagnosis.remaining import Remaining
@@ -16,6 +17,7 @@ __all__ = [
     "Experiment",
     "Gain",
     "JointDiagnoses",
+    "Limits",
     "Remaining",
     "Unexplained",
     "diagnose",

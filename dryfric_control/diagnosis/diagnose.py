@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from dryfric_control._version import __version__
 from dryfric_control.checks import check_boolean, instance, positive, whole
-from dryfric_control.diagnosis.candidates import SLUGS
+from dryfric_control.diagnosis.candidates import SLUGS, effect_class
 from dryfric_control.diagnosis.causes import (
     causes_of,
     changing_cause,
@@ -60,7 +60,9 @@ from dryfric_control.estimation.plausibility import (
 from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, FINAL_ITERATIONS, maximise
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut, delay_input
+from dryfric_control.identification.identifiability import far_from_zero_messages
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.forces import TimePeriodic
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.progress import ProgressLine
 from dryfric_control.records.bad_readings import REASONS
@@ -351,7 +353,11 @@ class _Answer:
             gain=self.found.gain,
             unexplained=self.found.left,
             next_experiment=experiment,
-            messages=(*self.messages, *_left_out(self.records)),
+            messages=(
+                *self.messages,
+                *_left_out(self.records),
+                *far_from_zero_messages(final.axis, self.records),
+            ),
             scores={k: -2.0 * v / samples for k, v in search.first.items()} | {"": 0.0},
             window=self.window,
             hold=self.problem.hold,
@@ -602,7 +608,11 @@ def _search_other_inputs(
             other = less
             fit = alone
     if fit is model.fit:
-        return None
+        early_instead = _lead_instead_of_periods(search, model)
+        if early_instead is None:
+            return None
+        other, model = early_instead
+        fit = model.fit
     again = Search(
         other,
         search.tell,
@@ -613,6 +623,23 @@ def _search_other_inputs(
     )
     again.now = Model(fit, model.causes)
     return again, again.run(again.eliminate_causes(again.now))
+
+
+def _lead_instead_of_periods(search: Search, model: Model) -> tuple[Problem, Model] | None:
+    """Inputs that act early in place of disturbances that are periodic in time, where likelier.
+
+    A drive of a few frequencies that acts before its stamps lacks forces of just these.
+    """
+    if search.problem.shift is not None:
+        return None
+    rest = model
+    for name in reversed(model.causes):  # those of a kind are counted from the first
+        if effect_class(name).slug == TimePeriodic.slug:
+            rest = search.remove_cause(rest, name)
+    early = with_input_lead(search.problem, rest.fit) if rest is not model else None
+    if early is None or evidence(model.fit, early[1], ()) <= 0.0:
+        return None
+    return early[0], Model(early[1], rest.causes)
 
 
 def _verdict(

@@ -31,11 +31,27 @@ _KNOWN_FORCE = 0.5
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of travel, drive and speed for an experiment."""
+    """Limits of travel, drive and speed for `next_experiment`.
 
-    travel: tuple[float, float]  # lowest and highest position [m]
-    drive: float  # largest drive force [N]
-    speed: float  # largest speed [m/s]
+    Parameters
+    ----------
+    travel : tuple of float
+        Lowest and highest position [m].
+    drive : float
+        Largest drive force [N].
+    speed : float
+        Largest speed [m/s].
+
+    Examples
+    --------
+    >>> import dryfric_control as dfc
+    >>> dfc.diagnosis.Limits(travel=(0.0, 0.3), drive=20.0, speed=0.5).drive
+    20.0
+    """
+
+    travel: tuple[float, float]
+    drive: float
+    speed: float
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "travel", span_of(self.travel, "limits.travel"))
@@ -44,7 +60,19 @@ class Limits:
 
     @classmethod
     def from_record(cls, axis: FrictionAxis, record: Record) -> Limits:
-        """Travel of the axis, or else of the record, and the largest drive and speed in it."""
+        """Travel of the axis or record, largest drive and speed.
+
+        Parameters
+        ----------
+        axis : FrictionAxis
+            Its travel counts, if it has one.
+        record : Record
+            What the largest drive and speed are of.
+
+        Returns
+        -------
+        Limits
+        """
         return cls(
             axis.travel or (float(record.x.min()), float(record.x.max())),
             float(np.abs(record.u).max()),

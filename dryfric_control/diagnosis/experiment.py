@@ -355,7 +355,7 @@ def _check_hypotheses(axis: Any, rivals: Any, record: Any, limits: Any) -> tuple
     instance("record", record, Record, "from dfc.read_record(...) or dfc.Record(t, u, x)")
     check_units(axis, record)
     if limits is not None:
-        instance("limits", limits, Limits, "Limits(travel=..., drive=..., speed=...)")
+        instance("limits", limits, Limits, "dfc.diagnosis.Limits(travel=..., drive=..., speed=...)")
     return axis, *rivals
 
 

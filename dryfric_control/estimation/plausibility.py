@@ -12,6 +12,7 @@ from dryfric_control.checks import warn
 from dryfric_control.estimation.drive_regression import DriveRegression
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.data_check import energy_message, speed_message
+from dryfric_control.records.motion import directions, usual_speeds
 from dryfric_control.records.read import as_record
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_warning import RecordWarning
@@ -32,6 +33,12 @@ _SURE = 0.1
 # prefix makes, within which it is that prefix.
 _ALIKE = 10.0
 _NEAR = 5.0
+# Ratio of the stick velocity to the largest usual velocity beyond which the axis is at rest for
+# much of what the record calls motion, and the ratio to lower it to.
+_MAX_STICK_RATIO = 0.05
+_SMALL = 1e-3
+# Effect with which a stuck axis moves on.
+_CREEPING = "presliding"
 # Units by the factor on a channel that was taken for the SI unit.
 _PREFIXED = {
     "m": {1e3: "mm", 1e6: "um"},
@@ -147,6 +154,8 @@ def record_doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -
         found.append(Doubt(unit, unit))
     elif weak := _weak_drive(axis, record, strongest, scaled):
         found.append(Doubt(weak))
+    if slow := _slow_motion(axis, record):
+        found.append(Doubt(slow, slow))
     if not (found or scaled) and axis.units[0] == "m" and (fast := speed_message(record)):
         # No proof: an axis whose mass and friction are those of the record may be in other units.
         found.append(Doubt(fast))
@@ -172,6 +181,22 @@ def _weak_drive(axis: FrictionAxis, record: Record, strongest: float, scaled: bo
             '(then read_record(..., units={"x": "mm"})), or u in another (gain=...)?'
         )
     return ""
+
+
+def _slow_motion(axis: FrictionAxis, record: Record) -> str:
+    """What to say of motion that is slow beside the stick velocity of the axis; empty if none."""
+    moving = directions(record) != 0
+    if not moving.any() or any(effect.slug == _CREEPING for effect in axis.effects):
+        return ""
+    fast = usual_speeds(record.derivatives().v[moving])[1]
+    if axis.stick_speed <= _MAX_STICK_RATIO * fast:
+        return ""
+    unit = axis.unit("m/s")
+    return (
+        f"the record moves at up to {fast:.2g} {unit} in 95 % of its motion, and the axis counts "
+        f"as motionless below its stick velocity of {axis.stick_speed:.2g} {unit}: lower that, "
+        f"axis.replace(stick_speed={_SMALL * fast:.1g})"
+    )
 
 
 def _drive_regression(record: Record) -> DriveRegression | None:

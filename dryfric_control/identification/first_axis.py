@@ -13,7 +13,9 @@ from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.data_check import speed_message
+from dryfric_control.records.motion import directions, usual_speeds
 from dryfric_control.records.read import RecordLike, as_record
+from dryfric_control.records.record import Record
 from dryfric_control.result_table import Quantity, format_table
 from dryfric_control.text import Result, documented, page_reference, stated
 
@@ -21,6 +23,8 @@ from dryfric_control.text import Result, documented, page_reference, stated
 _HARDLY = 0.5
 # Inertial force of a mass that is not determined, over the Coulomb level, at most.
 _FAINT = 0.1
+# Ratio of the stick velocity to the largest usual velocity of the record, at most.
+_STICK_RATIO = 1e-3
 _NAMES = ("mass", "viscous", "coulomb")
 
 
@@ -189,11 +193,19 @@ def force_regression(record: RecordLike) -> ForceRegression:
     units = (record.units.get("x") or "m", record.units.get("u") or "N")
     axis = FrictionAxis(
         mass=mass, viscous=max(float(values[1]), 0.0), coulomb=CoulombMap.of(level),
-        name=record.name or "axis", units=_axis_units(units),
+        stick_speed=_stick_speed(record, units[0]), name=record.name or "axis",
+        units=_axis_units(units),
     )  # fmt: skip
     return ForceRegression(
         axis, parameters, deviations, float(values[3]), float(values[4]), found.rms, tuple(messages)
     )
+
+
+def _stick_speed(record: Record, length: str) -> float:
+    """Stick velocity that is rest for this record: the default is for machines in m or rad."""
+    moving = directions(record) != 0
+    small = _STICK_RATIO * usual_speeds(record.derivatives().v[moving])[1]
+    return min(FrictionAxis.stick_speed, small) if length in ("m", "rad") else small
 
 
 def _axis_units(units: tuple[str, str]) -> tuple[str, str]:

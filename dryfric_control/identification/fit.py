@@ -40,7 +40,7 @@ from dryfric_control.estimation.scoring import (
 )
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.estimation.windows import Windows, cut
-from dryfric_control.identification.identifiability import cannot_tell
+from dryfric_control.identification.identifiability import cannot_tell, far_from_zero_messages
 from dryfric_control.identification.input_error import input_bias
 from dryfric_control.identification.replay import Replay, replay
 from dryfric_control.model.axis import FrictionAxis
@@ -604,6 +604,7 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
     force = tuple(found.random_force(i) if acting else 0.0 for i in runs)
     said = cannot_tell(axis, records, parameters, values, errors, correlation, away, slopes)
     said += _fit_warnings(found, first, z, max(force))
+    said += far_from_zero_messages(axis, records)
     messages = tuple(rotary_words(message, axis.units[1]) for message in said)
     for message in messages:
         warn(message, FitWarning)

@@ -196,7 +196,8 @@ def hybrid_filter(
     dt : float, optional
         Sampling time [s].
     encoder_quantum : float, optional
-        Increment of the position sensor [m].
+        Increment of the position sensor [m]; the standard deviation of its noise where that is
+        larger.
     excess : float, optional
         Spread of the friction above the model at low velocity, as a part of the Coulomb level.
     excess_speed : float, optional

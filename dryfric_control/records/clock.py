@@ -76,7 +76,7 @@ def even_clock(t: Floats) -> EvenClock | None:
     limit = (_ROUNDED_SINGLE if single else _ROUNDED) * rounding
     numbers = np.arange(t.size, dtype=np.float64)
     rate, off = _line(numbers, t)
-    if off > limit and rate > 2.0 * rounding:
+    if off > limit and rate > 2.0 * rounding and float(np.median(steps)) > 0.0:
         # Steps longer than twice the rounding count the samples that are not there.
         numbers = _sample_numbers(t, steps)
         rate, off = _line(numbers, t)

@@ -183,7 +183,7 @@ class Record(Saved):
             raise ValueError(
                 f"quantum = {quantum:g} exceeds the range, {span:.6g}: give it in the unit of x"
             )
-        checks.warn_if_suspect(found["t"], dt, found["u"])
+        checks.warn_if_suspect(found["t"], dt, found["u"], "t" in stored)
         name = None if name is None else checks.plain_text(name)
         parts = {"dt": dt, "units": labels, "name": name, "notes": notes, "raw": stored}
         parts |= {"quantum": seen or None, "masked": masked}

@@ -484,9 +484,9 @@ _CLOCKS = (
 )
 
 
-def warn_if_suspect(t: Floats, dt: float, u: Floats) -> None:
-    """Warnings for a time not in seconds and for a clipped input."""
-    if dt >= 0.1:
+def warn_if_suspect(t: Floats, dt: float, u: Floats, timed: bool = False) -> None:
+    """Warnings for a time not in seconds, unless its unit is `timed`, and for a clipped input."""
+    if dt >= 0.1 and not timed:
         epoch = next((clock for clock in _CLOCKS if t[0] >= clock[4]), None)
         name, unit, factor, *_ = epoch or next(clock for clock in _CLOCKS if dt >= clock[3])
         warn(

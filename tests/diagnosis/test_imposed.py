@@ -187,3 +187,43 @@ def test_input_that_is_stamped_late_is_found_and_shifted() -> None:
     assert float(told.split()[4]) == pytest.approx(late, abs=0.05) and told.split()[5] == "ms"
     # d.record has it shifted back, but for its noise.
     assert np.std(d.record.u[:-10] - good.u[:-10]) < 0.35 * np.std(u[:-10] - good.u[:-10])
+
+
+def three_sines(t: float) -> float:
+    """A drive of three frequencies [N]."""
+    return float(9.0 * np.sin(1.9 * t) + 6.0 * np.sin(5.7 * t + 1.0) + 4.0 * np.sin(13.2 * t + 2.0))
+
+
+def small_steps(part: float, pitch: float = 0.02, dt: float = 2e-3, n: int = 3000) -> dfc.Record:
+    """2 kg, 15 N s/m, 5 N and 1.2 N of cogging in small steps; the held drive is stamped late.
+
+    `part`: by how much of a sample.
+    """
+    few = 20
+    h = dt / few
+    x = v = 0.0
+    readings = np.empty(n)
+    drives = [three_sines(k * dt) for k in range(n + 1)]
+    for k in range(n):
+        readings[k] = x
+        for j in range(few):
+            drive = drives[k + (j >= (1.0 - part) * few)]
+            force = drive + 1.2 * np.sin(2.0 * np.pi * x / pitch) - 15.0 * v
+            way = np.sign(v) if v else np.sign(force) * (abs(force) > 5.0)
+            change = h * (force - 5.0 * way) / 2.0 if way else 0.0
+            turned = v * (v + change) < 0.0
+            x += h * (v if turned else v + 0.5 * change) * (0.5 if turned else 1.0)
+            v = 0.0 if turned else v + change
+    return dfc.Record(dt * np.arange(n), drives[:n], 1e-6 * np.round(readings / 1e-6))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", [0.5, 1.0])
+def test_a_late_stamp_of_a_few_sines_is_no_force_that_is_periodic_in_time(part) -> None:
+    """What a drive of a few frequencies lacks where it is stamped late has just these."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=5.0)
+    with among("cogging", "time_periodic", "input_delay", "bias_force"):
+        d = dfc.diagnose(axis, small_steps(part), jobs=1, progress=False)
+    assert causes(d) == ["cogging"]
+    [told] = [m for m in d.messages if m.startswith("the recorded input acts")]
+    assert float(told.split()[4]) == pytest.approx(part * 2.0, abs=0.1) and told.split()[5] == "ms"

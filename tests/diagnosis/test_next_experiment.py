@@ -1,6 +1,7 @@
 """Pairs of causes that one record cannot tell apart, and the experiment that can."""
 
 import json
+import re
 from types import SimpleNamespace
 
 import control as ct
@@ -270,3 +271,13 @@ def test_report_file_and_figure(tmp_path):
     plot = experiment.plot()
     assert isinstance(plot, ct.ControlPlot)
     assert "[m]" in np.ravel(plot.axes)[0].get_ylabel()
+
+
+def test_limits_are_where_the_message_says() -> None:
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=5.0)
+    t = 1e-3 * np.arange(2000)
+    record = dfc.Record(t, np.sin(9.0 * t), np.cos(9.0 * t))
+    with pytest.raises(ValueError, match=r"dfc\.diagnosis\.Limits\(travel=") as refused:
+        dfc.next_experiment(axis, [axis], record, limits={"travel": (0.0, 1.0)})  # type: ignore
+    name = re.search(r"dfc\.diagnosis\.(\w+)", str(refused.value))
+    assert name and hasattr(dfc.diagnosis, name[1])

@@ -78,3 +78,15 @@ def test_a_torque_that_moves_metres_is_refused_with_what_is_missing():
 def test_a_first_axis_prints_with_its_units():
     printed = str(dfc.axis_from(record_of(FORCE))).splitlines()
     assert re.fullmatch(r"  mass [\d.]{3,7} kg", printed[1]) and "  Coulomb + 7.99946 N" in printed
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1e-4, "m"), (1e3, "m"), (4e5, "counts"), (1e-4, "V")])
+def test_the_stick_velocity_is_slow_for_the_record_in_any_unit(scale, unit):
+    """1e-4 m/s is rest for a machine tool, fast for a stage of micrometres; in counts it is nothing."""
+    record = record_of(FORCE, scale * POSITION)
+    record = dfc.Record(record.t, record.u, scale * POSITION, units={"x": unit, "u": "N"})
+    axis = dfc.axis_from(record)
+    fastest = scale * np.abs(VELOCITY).max()
+    assert axis.stick_speed < 2e-3 * fastest
+    assert axis.stick_speed == 1e-4 or axis.stick_speed > 2e-4 * fastest
+    assert axis.mass == pytest.approx(2.0 / scale, rel=0.01)

@@ -422,3 +422,23 @@ def test_a_transmission_stiffens_no_further_than_samples_show():
         z[0] = search(impossible * effect.damping)
         with pytest.raises(ValueError, match="far too stiff"):
             problem.at(z)
+
+
+@pytest.mark.parametrize(("away", "told"), [(0.0, False), (1.0, False), (12.0, True)])
+def test_a_phase_hundreds_of_periods_from_the_motion_is_told(away, told):
+    """600 periods away the errors of phase and period are wrong, with the same data."""
+    t = 2e-3 * np.arange(1500)
+    x = 0.06 * np.sin(3.0 * t) + 0.02 * np.sin(7.0 * t)
+    v = 0.18 * np.cos(3.0 * t) + 0.14 * np.cos(7.0 * t)
+    u = 2.0 * np.gradient(v, t) + 15.0 * v + 5.0 * np.sign(v) - np.sin(2.0 * np.pi * x / 0.02)
+    axis = dfc.FrictionAxis(
+        mass=2.0,
+        viscous=15.0,
+        coulomb=5.0,
+        effects=(dfc.effects.Cogging(amplitude=0.9, period=0.02),),
+    )
+    record = dfc.Record(t, u, x + away)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = dfc.fit(axis, record, free=("cogging",), starts=1)
+    assert any("periods from x = 0" in message for message in found.messages) is told

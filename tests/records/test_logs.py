@@ -466,3 +466,39 @@ def test_a_time_of_day_with_a_decimal_comma(tmp_path, heading):
     rows = [f"23:59:{59 + t:05.2f};{u:.4f};{x:.4f}".replace(".", ",") for t, u, x in ROWS if t < 1]
     record = dfc.read_record(written(tmp_path, f"{heading};Kraft;Weg", rows))
     assert record.dt == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("under", ["s|N|mm|-", "[s]|[N]|[mm]|[-]", "(s)|(N)|(mm)|"])
+def test_a_row_of_units_may_have_brackets_and_columns_without_one(tmp_path, under):
+    t = 0.01 * np.arange(300)
+    rows = "\n".join(f"{a:.2f}|{np.sin(a):.6f}|{np.cos(a):.6f}|1" for a in t)
+    record = dfc.read_record(write(tmp_path, f"t|u|x|status\n{under}\n{rows}\n"))
+    assert record.units == {"t": "s", "u": "N", "x": "m"}
+    np.testing.assert_allclose(record.x, 1e-3 * np.cos(t), atol=1e-9)
+
+
+def test_a_refusal_that_no_argument_mends_has_no_line_to_copy(tmp_path):
+    t = 0.01 * np.arange(300)
+    rows = "\n".join(f"{a:.2f},{np.sin(a):.6f},{np.cos(a):.6f}" for a in t)
+    with pytest.raises(ValueError, match="split where runs were joined$"):
+        dfc.read_record(write(tmp_path, f"t,u,x\n{rows}\n{rows}\n"))
+
+
+def test_of_two_columns_with_one_heading_the_line_has_the_index(tmp_path):
+    t = 0.01 * np.arange(300)
+    rows = "\n".join(f"{a:.2f},{np.sin(a):.6f},{np.cos(a):.6f},{np.sin(2 * a):.6f}" for a in t)
+    with pytest.raises(ValueError, match=r'csv", columns={"x": 2}\)$'):
+        dfc.read_record(write(tmp_path, f"t,u,x,x\n{rows}\n"))
+
+
+def test_stamps_of_whole_seconds_are_refused_for_what_they_are():
+    t = np.arange(3000) // 1000
+    table = {"t": t.astype(float), "u": np.sin(0.01 * np.arange(3000)), "x": np.cos(t)}
+    with pytest.raises(ValueError, match="duplicated time stamps"):
+        dfc.read_record(table)
+
+
+def test_a_stated_unit_of_the_time_is_not_doubted(recwarn):
+    t = 0.01 * np.arange(300)
+    record = dfc.read_record({"t [min]": t, "u": np.sin(3 * t), "x": np.cos(2 * t)})
+    assert record.dt == pytest.approx(0.6) and not recwarn

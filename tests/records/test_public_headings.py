@@ -99,6 +99,10 @@ LOGS = [
     ('columns={"u": ...}', "timestamp; position; speed; goal_position; load; input_volts; temp; torque_enable"),
     # dongdaming1966/mcar_simulate
     ('columns={"u": ...}', "time; angle_velocity; angle; motor_output(velocity); controller_output(acc); gyro_raw; acc_raw"),
+    # EnKJneer/Masters-thesis
+    ('joint="x"', "Unnamed: 0; t=time; x=pos_x; pos_y; pos_z; pos_sp; r=cmd_pos_x; cmd_pos_y; cmd_pos_z; cmd_pos_sp; cmd_v_x; cont_dev_x; v_x; a_x; v_y; a_y; time_diff; f_x; f_y; a_p; a_e; phi; u=curr_x; curr_y; curr_z; curr_sp; f_x_sim; materialremoved_sim"),
+    # ArduPilot/ardupilot
+    ('columns={"t": "TimeUS"}', "t=TimeUS; Id; x=Pos; u=Force; Speed; Pow; r=PosCmd; V; A; MotT; PCBT; Err"),
     # akhil22/data_processing
     ('columns={"u": ...}', "v; w; t"),
 ]  # fmt: skip
@@ -110,7 +114,7 @@ def source(headings):
     """A log with these columns, each another motion, and a time where one is named."""
     table = {one: (k + 1.0) * np.sin((1.0 + 0.37 * k) * T + k) for k, one in enumerate(headings)}
     for one in headings:
-        if re.match(r"[# _]*(time|timestamp|t)(?![a-z])", one, re.IGNORECASE):
+        if re.match(r"[# _]*(timeus|time|timestamp|t)(?![a-z])", one, re.IGNORECASE):
             return {**table, one: T.copy()}
     return table
 
@@ -148,6 +152,14 @@ SPOKEN = [
     "t=Zeit; u=Kraft; x=Auslenkung",
     "t=temps; u=effort; x=déplacement",
     "t=tempo; u=coppia; x=spostamento",
+    "t=tempo; u=coppia; x=quota reale; r=quota teorica",
+    "t=tiempo; u=par; x=posición; velocidad",
+    "t=czas; u=prąd; x=położenie",
+    "t=采样时间; r=指令位置; x=实际位置; u=实际转矩; 位置偏差",
+    "t=时间; x=电机位置; 电机速度; u=电机电流; 母线电压",
+    "t=時間; r=位置指令; x=現在位置; u=トルク",
+    "t=時間; x=フィードバック位置; u=モータ電流; 位置偏差",
+    "t=시간; r=목표위치; x=현재위치; u=토크",
 ]
 
 
@@ -204,6 +216,76 @@ def test_what_a_letter_or_a_unit_shows_is_taken_and_noted(line, tmp_path):
     assert len(record) == N
 
 
+def test_a_quantity_over_its_unit_and_a_unit_behind_any_name_are_read():
+    """I/A is the way of ISO 80000-1; mA, deg and mm are no words."""
+    record = dfc.read_record({"t/ms": 1e3 * T, "I/A": np.sin(T), "x/µm": np.cos(T)})
+    assert record.units == {"t": "s", "u": "A", "x": "m"} and record.x[0] == 1e-6
+    record = dfc.read_record({"t_s": T, "Cur_mA": np.sin(T), "disp_mm": np.cos(T), "n_rpm": T})
+    assert record.units == {"t": "s", "u": "A", "x": "m"} and record.x[0] == 1e-3
+    assert sum("the only column in a unit of" in note for note in record.notes) == 2
+    record = dfc.read_record({"t (s)": T, "Effort (daN)": np.sin(T), "POS_DEG": np.cos(T)})
+    assert record.units["x"] == "rad" and record.u[7] == 10.0 * np.sin(T[7])
+
+
+@pytest.mark.parametrize(
+    ("columns", "headings"),
+    [
+        ({"u": ...}, "Time; T; theta"),  # T may be the torque: not "none"
+        ({"x": "Weg1"}, "Zeit; Weg1; Weg2; Kraft"),  # the one drive is of no joint
+    ],
+)
+def test_the_line_to_copy_loses_no_drive(columns, headings):
+    table = source(headings.split("; "))
+    table[next(iter(table))] = T.copy()
+    with pytest.raises(ValueError) as refused:
+        dfc.read_record(table)
+    role, name = next(iter(columns.items()))
+    shown = "..." if name is ... else f'"{name}"'
+    assert f'"{role}": {shown}}})' in str(refused.value)
+    assert "joint=" not in str(refused.value).rpartition("read_record(")[2]
+
+
+def test_columns_of_one_joint_go_before_another_usual_name():
+    """The angle phi beside pos_x and pos_y is none of the axis whose current is asked for."""
+    names = ["time", "pos_x", "pos_y", "phi", "curr_x", "curr_y"]
+    table = source(names)
+    record = dfc.read_record(table, columns={"u": "curr_x"})
+    np.testing.assert_array_equal(record.x, table["pos_x"])
+
+
+@pytest.mark.parametrize(
+    ("encoding", "heading"),
+    [
+        ("cp932", "時間(ms),位置指令(mm),現在位置(mm),トルク(%)"),
+        (
+            "cp932",
+            "時間\uff3bms\uff3d,指令位置\uff3bmm\uff3d,実位置\uff3bmm\uff3d,モータ電流\uff3bA\uff3d",
+        ),
+        ("gb18030", "采样时间(ms),指令位置(mm),实际位置(mm),实际转矩(%)"),
+        (
+            "gb18030",
+            "时间\uff08ms\uff09,目标位置\uff08mm\uff09,反馈位置\uff08mm\uff09,电流\uff08A\uff09",
+        ),
+        ("big5", "時間(ms),目標位置(mm),位置(mm),電流(A)"),
+        ("euc_kr", "시간(ms),목표위치(mm),현재위치(mm),토크(%)"),
+        ("cp1251", "время (ms),r (mm),положение (mm),момент (%)"),
+        ("latin-1", "Zeit (ms),Sollwert (mm),Länge über Maß (mm),Drehmoment (%)"),
+    ],
+)
+def test_headings_of_old_encodings_are_read(tmp_path, encoding, heading):
+    path = tmp_path / "run.csv"
+    rows = "\n".join(
+        f"{1e3 * t:.0f},{np.sin(3 * t):.6f},{np.cos(2 * t):.6f},{np.sin(t):.6f}" for t in T
+    )
+    path.write_bytes(f"{heading}\n{rows}\n".encode(encoding))
+    record = dfc.read_record(path)
+    np.testing.assert_allclose(record.t, T, atol=1e-9)
+    np.testing.assert_allclose(record.x, 1e-3 * np.cos(2 * T), atol=1e-9)
+    np.testing.assert_allclose(record.u, np.sin(T), atol=1e-6)
+    np.testing.assert_allclose(record.reference, 1e-3 * np.sin(3 * T), atol=1e-9)
+    assert record.units["x"] == "m"
+
+
 def test_the_position_of_a_valve_is_in_per_cent():
     record = dfc.read_record({"t": T, "p [bar]": np.sin(T), "stem [%]": 50.0 * np.cos(T)})
     assert record.units["x"] == "%"
@@ -227,4 +309,4 @@ def test_metres_beside_radians_are_no_milliradians():
     assert record.x[7] == np.cos(T[7])
     table = {"t": T, "u": np.sin(T), "theta_m_rad": np.cos(T)}
     record = dfc.read_record(table, columns={"x": "theta_m_rad"})
-    assert record.x[7] == np.cos(T[7]) and "x" not in record.units
+    assert record.x[7] == np.cos(T[7]) and record.units["x"] == "rad"

@@ -48,14 +48,14 @@ def test_an_unknown_unit_is_never_taken_with_factor_1(role, unit):
 def test_a_stated_unit_stands_in_for_one_of_a_heading_that_is_not_known(tmp_path):
     source = tmp_path / "run.csv"
     np.savetxt(
-        source, np.stack([T, U, X, X], axis=1), "%.17g", ";", header="t;u (daN);x;Vitesse (tours)",
+        source, np.stack([T, U, X, X], axis=1), "%.17g", ";", header="t;u (hN);x;Vitesse (tours)",
         comments="",
     )  # fmt: skip
-    with pytest.raises(ValueError, match=r"unit 'daN' of u is not known.* units=.\"u\": \"...\""):
+    with pytest.raises(ValueError, match=r"unit 'hN' of u is not known.* units=.\"u\": \"...\""):
         dfc.read_record(source)
     record = dfc.read_record(source, units={"u": "N"})
     np.testing.assert_array_equal(record.u, U)
-    assert record.units["u"] == "N" and "u is in N, as stated, not in 'daN'" in record.notes
+    assert record.units["u"] == "N" and "u is in N, as stated, not in 'hN'" in record.notes
     # A velocity is left out for its unit, and it is said how to have it.
     mend = 'to read it, columns={"v": \'Vitesse (tours)\'}, units={"v": "..."}'
     assert any(note.endswith(mend) for note in record.notes)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
-from unicodedata import combining, normalize
+from unicodedata import normalize
 
 import numpy as np
 
@@ -42,7 +42,8 @@ def _names(entry: str) -> tuple[str, ...]:
     if marks is None:
         return tuple(stems)
     parted = (n for s in stems for m in marks for n in (f"{s}_{m}", f"{m}_{s}"))
-    joined = (n for s in stems if len(s) > 2 for m in marks if m in close
+    # A short stem of a language with letters, joined to a mark, may be another word.
+    joined = (n for s in stems if len(s) > 2 or not s.isascii() for m in marks if m in close
               for n in (f"{s}{m}", f"{s}s{m}", f"{m}{s}"))  # fmt: skip
     return (*parted, *joined)
 
@@ -53,7 +54,9 @@ NAMES = {
     for role, groups in _SAID["channels"].items()
 }
 _ROLES = {n: role for role, groups in NAMES.items() for names in groups for n in names}
-_FILLING, _PREFIXES, _LETTERS, _DERIVED = map(set, _SAID["parts"].values())
+_DIRECTIONS, _FILLING, _PREFIXES, _LETTERS, _DERIVED, _DERIVED_WITHIN, _BEFORE = map(
+    set, _SAID["parts"].values()
+)
 #: Letters of physics that are taken where no name is recognised, and noted.
 _SYMBOLS = {letter: role for role, letters in _SAID["symbols"].items() for letter in letters}
 #: Quantities of the units that show what a column is where no name does, the surest first.
@@ -63,6 +66,10 @@ _BY_UNIT = {
     "t": (("time",),),
 }
 
+# Units that are no words, and so are units behind any name: disp_mm, load_kN.
+_SUFFIXES = frozenset(
+    ("um", "mm", "cm", "deg", "rad", "mrad", "mN", "kN", "Nm", "mNm", "Ncm", "mA", "kPa", "MPa")
+)
 _BRACKETS = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
 
@@ -130,6 +137,8 @@ def _is_quantum(value: Any) -> bool:
 def split_header(cell: str) -> tuple[str, str]:
     """Name and unit of a column heading."""
     cell = cell.strip()
+    if any("\u3000" <= letter for letter in cell):  # brackets and signs as wide as a character
+        cell = normalize("NFKC", cell)
     if len(cell) > 200:  # no heading, and the pattern takes quadratic time
         return cell, ""
     match = _BRACKETS.fullmatch(cell)
@@ -141,23 +150,28 @@ def split_header(cell: str) -> tuple[str, str]:
         words = cell.split(mark)
         for tail in (3, 2, 1) if mark == "_" else (1,):
             name = mark.join(words[:-tail])
-            role = parse_heading(name)[0]
+            role = parse_heading(name)[0] or (mark == "/" and _SYMBOLS.get(name.strip().casefold()))
             for unit in {"/".join(words[-tail:]), " ".join(words[-tail:])}:
                 if role and known_unit(unit) and _fits(role, unit):
                     return name.strip(), unit.strip()
-    return cell, ""
+    name, _, unit = cell.rpartition("_")
+    return (name, unit) if name and unit in _SUFFIXES and not parse_heading(cell)[0] else (cell, "")
 
 
 def normalize_heading(name: str) -> str:
     """A heading in lower case without accents, its words joined by "_"."""
-    name = "".join(c for c in normalize("NFKD", name.strip(" _")) if not combining(c))
+    # Accents are marks of Latin, Greek and Cyrillic; those of kana make another syllable.
+    name = re.sub("[\u0300-\u036f]", "", normalize("NFKD", name.strip(" _")))
+    name = normalize("NFC", name)
     return re.sub(r"(?<=[a-z])(?=[A-Z])|[ -]+", "_", name).casefold()
 
 
 @lru_cache(maxsize=4096)
 def parse_heading(name: str) -> tuple[str, str, str]:
     """Role of a heading, its usual name, and the joint it is of, each empty if there is none."""
-    for one in (normalize_heading(name), name.strip().casefold()):
+    usual = normalize_heading(name)
+    of_machine = [usual.removeprefix(word) for word in _BEFORE if usual.startswith(word)]
+    for one in (usual, name.strip().casefold(), *of_machine):
         if one in _ROLES:
             return _ROLES[one], one, ""
     if _is_derived(name):
@@ -178,7 +192,7 @@ def parse_heading(name: str) -> tuple[str, str, str]:
 def _is_derived(name: str) -> bool:
     """Whether a heading says that it is an error, a limit or a share of a channel."""
     words = re.findall(r"[^\W\d_]+", normalize_heading(name))
-    return any(w in _DERIVED or w.endswith(("fehler", "abweichung")) for w in words)
+    return any(w in _DERIVED or any(part in w for part in _DERIVED_WITHIN) for w in words)
 
 
 def _part(parts: list[str], k: int) -> tuple[str, str, str] | None:
@@ -186,8 +200,15 @@ def _part(parts: list[str], k: int) -> tuple[str, str, str] | None:
     words = re.findall(r"[^\W\d_]+|\d+", normalize_heading(parts[k - 1]))
     numbers = [w for w in words if w.isdigit()]
     words = _stem_words(words)
-    for stem in ("_".join(words), "_".join(words[1:] if set(words[:1]) & _PREFIXES else ())):
+    direction = words[-1] if len(words) > 1 and words[-1] in _DIRECTIONS else ""
+    for stem in (
+        "_".join(words),
+        "_".join(words[1:] if set(words[:1]) & _PREFIXES else ()),
+        "_".join(words[:-1] if direction else ()),
+    ):
         if stem in _ROLES and _ROLES[stem] not in ("x2", "good"):
+            if direction and stem == "_".join(words[:-1]):
+                return _ROLES[stem], stem, direction
             before = [n for part in parts[: k - 1] for n in re.findall(r"\d+", part)]
             return _ROLES[stem], stem, ".".join(parts[k:] or numbers or before[-1:])
     return None
@@ -272,7 +293,7 @@ def _usual_columns(
     role: str, headings: list[str], names: list[str], chosen: dict[str, int], timed: bool | None
 ) -> list[int]:
     """Columns that may play a role by their names, or by their units where one must play it."""
-    found = _in_best_unit(role, _same_joint(columns_by_name(role, names), names, chosen), headings)
+    found = _in_best_unit(role, _same_joint(role, names, chosen), headings)
     if role not in ROLES[:3]:  # only what is beyond doubt, by name and unit
         sure = [k for k in found if k not in chosen.values()]
         sure = [k for k in sure if _fits(role, split_header(headings[k])[1])]
@@ -330,10 +351,15 @@ def _ambiguity_error(
     """The error for several columns that could play a role, with a line for each."""
     joints = [parse_heading(names[k])[2] for k in found]
     several = len(set(joints)) == len(found)
-    first = joints[0] if several and joints[0] else ""
+    others = [columns_by_name(other, names) for other in ("u", "x") if other != role]
+    shared = any(one and not any(parse_heading(names[k])[2] for k in one) for one in others)
+    first = joints[0] if several and joints[0] and not shared else ""
     joint: Any = int(first) if first.isdigit() else first
-    mend = {"joint": joint} if first else {"columns": {role: headings[found[0]].strip()}}
-    ways = " or ".join(f'columns={{"{role}": {headings[k].strip()!r}}}' for k in found[:4])
+    # Of two with one heading only the index says which.
+    own = [headings[k].strip() for k in found]
+    said: list[Any] = [h if own.count(h) == 1 else k for k, h in zip(found, own, strict=True)]
+    mend = {"joint": joint} if first else {"columns": {role: said[0]}}
+    ways = " or ".join(f'columns={{"{role}": {one!r}}}' for one in said[:4])
     return RefusalError(
         f"{where}: {', '.join(repr(names[k]) for k in found)} could each be {role}; "
         f'say which: columns={{"{role}": ...}}, that is {ways}'
@@ -362,7 +388,7 @@ def _missing_role_error(
     mend: dict[str, Any] = {"columns": {role: likely[0] if likely else ...}}
     if role == "t" and not likely:
         mend = {"rate": ...}
-    elif role == "u" and all(parse_heading(split_header(h)[0])[0] for h in free):
+    elif role == "u" and all(_is_other_channel(split_header(h)[0]) for h in free):
         mend = {"columns": {"u": None}}
     return RefusalError(
         f"{where}: no column recognised as {role}; available: {_list_headings(headings)}. "
@@ -370,6 +396,11 @@ def _missing_role_error(
         + page_reference("howto/read_csv"),
         **mend,
     )
+
+
+def _is_other_channel(name: str) -> bool:
+    """Whether a heading names a channel, and does not by its letter: T may be a torque."""
+    return bool(parse_heading(name)[0]) and len(name.strip()) > 1
 
 
 def _checked_columns(columns: Any) -> Mapping[str, str | int | None]:
@@ -423,11 +454,11 @@ def _of_joint(names: list[str], joint: str, where: str) -> list[str]:
     return out
 
 
-def _same_joint(found: list[int], names: list[str], chosen: Mapping[str, int]) -> list[int]:
-    """Of several columns those of the joint of which others were chosen."""
+def _same_joint(role: str, names: list[str], chosen: Mapping[str, int]) -> list[int]:
+    """Columns of a role, of the joint of which others were chosen where it has one."""
     joints = {joint for k in chosen.values() if (joint := parse_heading(names[k])[2])}
-    same = [k for k in found if parse_heading(names[k])[2] in joints]
-    return same if len(found) > 1 and same else found
+    own = [name if parse_heading(name)[2] in joints else "" for name in names]
+    return columns_by_name(role, own) or columns_by_name(role, names)
 
 
 def left_out(headings: list[str], chosen: Mapping[str, int]) -> tuple[str, ...]:
@@ -506,14 +537,17 @@ def columns_by_name(role: str, names: list[str]) -> list[int]:
         for usual in NAMES[role]:
             found = [k for k, (of, name, _) in enumerate(means) if of == role and name in usual]
             if plain:
-                found = [
-                    k
-                    for k in found
-                    if means[k][1] in (normalize_heading(names[k]), names[k].casefold())
-                ]
+                found = [k for k in found if _is_plain(names[k], *means[k][1:])]
             if found:
-                return found
+                exact = [k for k in found if normalize_heading(names[k]) == means[k][1]]
+                return exact or found
     return []
+
+
+def _is_plain(name: str, usual: str, joint: str) -> bool:
+    """Whether a heading is a usual name, with nothing but its joint behind: pos_x, q3."""
+    own = (usual, f"{usual}{joint}", f"{usual}_{joint}")
+    return normalize_heading(name) in own or name.casefold() == usual
 
 
 def _list_headings(headings: list[str]) -> str:

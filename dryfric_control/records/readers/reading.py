@@ -60,11 +60,13 @@ def read_as(
             except ValueError as problem:
                 reasons.append(str(problem))
                 mend = {}
-    line = _line(source, _merge_options(given, mend), gain)
+    mended = _merge_options(given, mend)
+    line = f"Read it by {_line(source, mended, gain)}"
     if len(reasons) == 1:
-        raise RefusalError(f"{said.removesuffix('.')}. Read it by {line}", **mend)
+        helps = mended != {"columns": columns, **options}  # a mend beyond the arguments has no line
+        raise RefusalError(f"{said.removesuffix('.')}. {line}" if helps else said, **mend)
     listed = "".join(f"\n  {k}. {reason}" for k, reason in enumerate(reasons, 1))
-    raise RefusalError(f"not read as it is, for {len(reasons)} reasons:{listed}\nRead it by {line}")
+    raise RefusalError(f"not read as it is, for {len(reasons)} reasons:{listed}\n{line}")
 
 
 def _read(

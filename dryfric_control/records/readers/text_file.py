@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import datetime
 import functools
@@ -35,11 +36,12 @@ _NUMBER = re.compile(
     re.ASCII | re.IGNORECASE,
 )
 _FORTRAN = re.compile(r"(?<=[\d.])(?:[dD]([+-]?)|([+-]))(?=\d)")
-#: Words for a number that is not there.
+#: Words for no unit, and for a number that is not there.
+_NO_UNIT = ("-", "--", "n/a", "none")
 _NO_NUMBER = ("", "nan", "-nan", "null", "none", "na", "n/a", "#n/a", "-", "--", "---")
 _WHOLE = re.compile(r"[+-]?\d{1,19}", re.ASCII)
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
-_DELIMITERS = (";", "\t", ",", None)  # None: runs of blanks
+_DELIMITERS = (";", "\t", ",", "|", None)  # None: runs of blanks
 # Rows of an export of TwinCAT Scope that is separated by colons.
 _SCOPE_COLONS = ("Name:", "Data-Type:", "SampleTime[ms]:")
 _LINE_LIMIT = 1_000_000
@@ -59,6 +61,9 @@ _TAIL = 50  # rows whose last cells show whether that of the last row is cut off
 _SCOPE_ROWS = {"Data-Type", "SampleTime[ms]", "SymbolName", "Starttime of export"}
 # A unit in brackets behind the word that it belongs to.
 _UNIT = re.compile(r"(\S)\s+([\[(][^\[\]()]*[\])])")
+#: Encodings of tools that write no UTF-8: Western Europe, Japan, China, Taiwan, Korea, Russia.
+_OLD_ENCODINGS = ("latin-1", "cp932", "gb18030", "big5", "euc_kr", "cp1251")
+_NO_UTF8 = re.compile("[\udc80-\udcff]")  # a byte that was kept as it is
 _PREAMBLE = 200  # lines among which the first row of numbers must be
 
 _Lines = list[tuple[int, str]]  # with their numbers
@@ -331,7 +336,7 @@ def _scope(text: _Text, rows: list[list[str]]) -> tuple[int, list[str], list[int
     about = {row[0]: k for k, row in enumerate(rows) if len(row) > 1}
     if "Name" not in about or not _SCOPE_ROWS & set(about):
         return None
-    names = rows[about["Name"]]
+    names = _decoded(rows[about["Name"]], text.delimiter)
     start = about["Name"]
     while start < len(rows) and not _is_number(rows[start][0]):
         start += 1
@@ -366,12 +371,13 @@ def _with_headings(text: _Text, chunk: _Lines, rows: list[list[str]], first: int
         _refuse_other_widths(text, chunk, rows, range(first, start), width)
     if start == len(rows):  # a heading alone, or rows that are told later
         start = min(first + 1, len(rows))
-    above = [line for _, line in chunk[first:start]]
+    above = _decoded([line for _, line in chunk[first:start]], text.delimiter)
     trailing = all(len(row) > 1 and row[-1] == "" for row in last)
     if trailing and above:  # unless the empty column has a name
         trailing = not any(_heading_cells(above[-1], text.delimiter, width, cut=False)[-1:])
     width = len(rows[start] if start < len(rows) else rows[-1]) - trailing
-    text.headings = _headings(above, text.comments, text.delimiter, width)
+    comments = _decoded(text.comments[-20:], text.delimiter)
+    text.headings = _headings(above, comments, text.delimiter, width)
     if above and not any(text.headings):
         _tell_of_no_headings(text, above[-1], width)
     return start
@@ -408,7 +414,7 @@ def _tell_of_no_headings(text: _Text, line: str, width: int) -> None:
         )
     if len(names) > 1 and not text.wanted.columns:
         warn(
-            f"{text.name}: the line above the numbers, {_decode_latin(line.strip())[:60]!r}, does "
+            f"{text.name}: the line above the numbers, {line.strip()[:60]!r}, does "
             f"not name each of the {width} columns: it is passed over, units too. Say what they "
             'are, columns={"t": 0, "u": 1, "x": 2} and units={"x": "..."}'
         )
@@ -419,14 +425,22 @@ def _headings(above: list[str], notes: list[str], delimiter: str | None, width: 
     # A heading may hold a "#"; in a row of numbers it starts a comment.
     named = [_heading_cells(line, delimiter, width, cut=False) for line in above[-2:]]
     if named and named[-1]:
-        if len(named) == 2 and named[0] and all(not c or known_unit(c) for c in named[1]):
-            return [f"{n} [{u}]" if u else n for n, u in zip(named[0], named[1], strict=True)]
+        if len(named) == 2 and named[0] and (units := _row_of_units(named[1])):
+            return [f"{n} [{u}]" if u else n for n, u in zip(named[0], units, strict=True)]
         return named[-1]
-    for line in reversed(notes[-20:]):
+    for line in reversed(notes):
         for mark in (delimiter, None):
             if found := _heading_cells(line.lstrip("#% "), mark, width):
                 return found
     return [""] * width
+
+
+def _row_of_units(cells: list[str]) -> list[str]:
+    """Units in a row under the headings, with brackets or not, empty for none; else no cells."""
+    units = [cell.strip("[]() ") for cell in cells]
+    units = ["" if unit in _NO_UNIT else unit for unit in units]
+    known = [known_unit(unit) is not None for unit in units if unit]
+    return units if any(known) and all(known) else []
 
 
 def _heading_cells(line: str, delimiter: str | None, width: int, cut: bool = True) -> list[str]:
@@ -435,7 +449,7 @@ def _heading_cells(line: str, delimiter: str | None, width: int, cut: bool = Tru
     if delimiter is None:  # a unit belongs to the word before it: Tempo (s) Forza (N m)
         lines += tuple(_UNIT.sub(lambda m: m[1] + m[2].replace(" ", "*"), one) for one in lines)
     for words in lines:
-        cells = [_decode_latin(c) for c in _cells(words, delimiter, cut, width)]
+        cells = _cells(words, delimiter, cut, width)
         if len(cells) == width and not any(map(_is_number, cells)):
             return cells
     return []
@@ -479,11 +493,25 @@ def _cells(line: str, delimiter: str | None, cut: bool = True, width: int = -1) 
     return [c.strip() for c in cells]
 
 
-def _decode_latin(cell: str) -> str:
-    """Text with bytes that are no UTF-8 read as Latin-1 (µ, °)."""
-    if cell.isprintable():
-        return cell
-    return cell.encode("utf-8", "surrogateescape").decode("latin-1")
+def _decoded(lines: list[str], delimiter: str | None) -> list[str]:
+    """Lines of names; if not in UTF-8, in the encoding in which most cells name a channel."""
+    if not any(map(_NO_UTF8.search, lines)):
+        return lines
+    stored = "\n".join(lines).encode("utf-8", "surrogateescape")
+
+    def recognised(content: str) -> int:
+        cells = (c for line in content.split("\n") for c in _cells(line, delimiter, cut=False))
+        parts = [split_header(cell) for cell in cells]
+        return sum(
+            bool(channels.parse_heading(name)[0]) + bool(unit and known_unit(unit))
+            for name, unit in parts
+        )
+
+    contents = []
+    for encoding in _OLD_ENCODINGS:
+        with contextlib.suppress(UnicodeDecodeError):
+            contents.append(stored.decode(encoding))
+    return max(contents, key=recognised).split("\n")
 
 
 def _is_number(cell: str) -> bool:

@@ -1,4 +1,4 @@
-"""Times of a sample by this tree and by another one, in one run, as ratios (3 min for 5 turns).
+"""Times of a sample by this tree and by another one, in one run, as ratios (15 s a turn).
 
     python benchmarks/builds.py --other PATH [--turns 5] [--only simulate ...]
 

@@ -1,4 +1,4 @@
-"""What identification reaches: on the bench, on EMPS, on a servo pendulum.
+"""What identification reaches: on the bench, on EMPS, on a servo pendulum (EMPS: 13 s).
 
     python benchmarks/identification.py [emps | bam | bench | coverage | map | stribeck]
         [--repeats 200] [--condition noise]

@@ -1,10 +1,10 @@
-"""Observers: accuracy, certified gain, and time of a sample (all but `robust`: 5 min).
+"""Observers: accuracy, certified gain, and time of a sample (all but `robust`: 2 min).
 
-    python benchmarks/observer.py loop     closed loop of the presets, 6 s
+    python benchmarks/observer.py loop     closed loop of the presets, 12 s
     python benchmarks/observer.py robust   the same on 500 random plants, 4 min; --plot FILE
-    python benchmarks/observer.py arena    observers on 15 records, each tuned, 3 min
-    python benchmarks/observer.py effects  an observer that knows the effects of an axis, 20 s
-    python benchmarks/observer.py gamma    certified gain by method, 1 min
+    python benchmarks/observer.py arena    observers on 15 records, each tuned, 1 min
+    python benchmarks/observer.py effects  an observer that knows the effects of an axis, 14 s
+    python benchmarks/observer.py gamma    certified gain by method, 17 s
     python benchmarks/observer.py speed    time of a sample, and of a design, 5 s
 
 `loop` and `robust` print position error [increments], velocity error over the velocity's RMS,

@@ -1,13 +1,14 @@
-"""How fast and how exact the simulation is, beside what else could do it (5 min).
+"""How fast and how exact the simulation is, beside what else could do it (2 min).
 
-    python benchmarks/simulation.py samples     time of a sample of some axes, 10 s
-    python benchmarks/simulation.py effects     what one effect adds to it, 30 s
-    python benchmarks/simulation.py structures  contact and transmission, by what they do, 20 s
-    python benchmarks/simulation.py stickslip   time and error of switches by law and method, 2 min;
+    python benchmarks/simulation.py samples     time of a sample of some axes, 3 s
+    python benchmarks/simulation.py effects     what one effect adds to it, 3 s
+    python benchmarks/simulation.py structures  contact and transmission, by what they do, 3 s
+    python benchmarks/simulation.py stickslip   time and error of switches by law and method, 1 min;
                                                 --plot FILE; with nosnoc 2 min more
-    python benchmarks/simulation.py servo       the same of a sampled position loop, 20 s
-    python benchmarks/simulation.py memory      peak of ten million samples, 10 s
-    python benchmarks/simulation.py compile     first calls, compiling and from the cache, 1 min
+    python benchmarks/simulation.py servo       the same of a sampled position loop, 10 s
+    python benchmarks/simulation.py memory      peak of ten million samples, 7 s
+    python benchmarks/simulation.py compile     import and first calls, compiling and from the
+                                                cache, 45 s
 
 Times are processor times, the best and the median of several repetitions taken in turns, compiled
 code warmed up; nothing here uses more than one thread.  Errors are against a tight solution of the

@@ -1,4 +1,4 @@
-"""Attack on the certificates of compensated loops: which axis breaks what they state?
+"""Attack on the certificates of compensated loops: which axis breaks it (3 s a design)?
 
 python benchmarks/tube_attack.py [--designs 100] [--each 50] [--only none spring ...]
 

@@ -6,21 +6,22 @@ a PID controller the errors are (last reversal of the sine; RMS over it, median 
 that slip and that move by over 2 um after 10 s of rest, and the tracking tube, also over the
 largest error seen in any run.  Nominal axis, gains and reference are the same for all plants.
 
-python benchmarks/compensation.py [nominal coarse wide presliding diagnosis corners]
-                                  [--plants N] [--laws learned,pid]
+python benchmarks/compensation.py [nominal coarse wide presliding corners]
+                                  [--plants N] [--laws learned fixed]
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from harness import Table, print_tables
 
 import dryfric_control as dfc
-from dryfric_control.observer import filter_reference
 
 DT = 1e-3
 NOMINAL = dfc.FrictionAxis(
@@ -29,22 +30,19 @@ NOMINAL = dfc.FrictionAxis(
 DELAY = 3e-3
 LIMIT = 80.0
 #: Gains kp, ki, kd of the baselines by encoder increment, and the bandwidth of their disturbance
-#: observer, of a random search on five plants that are not in the tables.  "hard pid": for small
-#: errors alone, as long as no axis within the mismatch rings.  "pid" and the others: overshoot,
-#: settling and slips at rest weighed, too.
+#: observer, of a random search on five plants that are not in the tables: errors, overshoot,
+#: settling and slips at rest.
 TUNED = {
     (1e-6, "pid"): ((50760.0, 2.702e6, 426.0), None),
-    (1e-6, "hard pid"): ((52210.0, 5.168e6, 466.8), None),
     (1e-6, "sign"): ((51238.0, 2.825e6, 434.0), None),
     (1e-6, "disturbance observer"): ((46701.0, 1216.0, 289.0), 39.1),
     (1e-6, "adrc"): ((9229.0, 1.0, 48.0), 819.0),
     (2e-5, "pid"): ((16576.0, 7.929e5, 234.7), None),
-    (2e-5, "hard pid"): ((52210.0, 5.168e6, 466.8), None),
     (2e-5, "sign"): ((18247.0, 6.262e5, 253.2), None),
     (2e-5, "disturbance observer"): ((27792.0, 300.0, 355.0), 50.7),
     (2e-5, "adrc"): ((30176.0, 1.0, 189.0), 770.0),
 }
-BASELINES = ("pid", "hard pid", "sign", "disturbance observer", "adrc", "fixed")
+LAWS = ("sign", "disturbance observer", "adrc", "fixed", "learned")
 
 
 @dataclass(frozen=True)
@@ -130,8 +128,6 @@ def run(comp: dfc.Compensation, plant: dfc.FrictionAxis, ref: Reference, quantum
 
 
 FAMILIES = ("nominal", "coarse", "wide", "presliding")
-#: Tables by default, but for the plants at all corners of the mismatch.
-TABLES = ("nominal", "coarse", "wide", "presliding", "diagnosis")
 #: Not the plants on which the gains were found.
 SEED = 2718
 
@@ -178,9 +174,8 @@ def design(law: str, quantum: float, family: str = "nominal") -> dfc.Compensatio
     if family == "presliding":
         axis = axis.replace(effects=(dfc.effects.Presliding(distance=1e-5),))
     gains, corner = TUNED.get((quantum, law), (None, None))
-    name = law.removeprefix("hard ")
     return dfc.design_compensation(
-        axis, DT, quantum, DELAY, law=name, gains=gains, disturbance_bandwidth=corner, limit=LIMIT
+        axis, DT, quantum, DELAY, law=law, gains=gains, disturbance_bandwidth=corner, limit=LIMIT
     )
 
 
@@ -192,95 +187,45 @@ def tube_of(comp: dfc.Compensation, family: str, ref: Reference) -> float:
     )
 
 
-def table(family: str, count: int, laws: tuple[str, ...]) -> None:
+def error_table(family: str, given: Namespace) -> None:
     """Print one table."""
+    laws = given.laws
+    count = min(given.plants, 60) if family == "presliding" else given.plants
     quantum = 2e-5 if family == "coarse" else 1e-6
     axes, ref = plants(family, count), reference()
-    print(f"\n{family}: {len(axes)} plants, encoder {1e6 * quantum:g} um, delay 0 to 3 ms")
-    print(
-        f"{'law':22s}{'peak um':>9s}{'largest':>9s}   {'times below PID at the last reversal':38s}"
-        f"{'RMS':>11s}{'crawl':>7s}{'slip':>6s}{'move':>6s}"
-        f"{'tube':>8s}{'over':>6s}"
-    )
+    lines = Table(
+        {
+            "law": "22s", "peak um": "9.1f", "largest": "9.1f", "times below PID: median": "25.1f",
+            "95 %": "7.1f", "all": "7.1f", "RMS": "8.1f", "least": "7.1f", "crawl": "7.1f",
+            "slip": "6d", "move": "6d", "tube": "8.0f", "over": "6.2f",
+        },
+        f"{family}: {len(axes)} plants, encoder {1e6 * quantum:g} um, delay 0 to 3 ms",
+    )  # fmt: skip
     base: list[Result] = []
-    hard: list[Result] = []
     for law in ("pid", *laws):
         comp = design(law, quantum, family)
         results = [run(comp, axis, ref, quantum) for axis in axes]
         base = base or results
-        hard = results if law == "hard pid" else hard
         last = np.array([b.peaks[-1] / r.peaks[-1] for b, r in zip(base, results, strict=True)])
         rms = np.array([b.rms / r.rms for b, r in zip(base, results, strict=True)])
         crawl = np.median([b.crawl / r.crawl for b, r in zip(base, results, strict=True)])
         largest = max(r.largest for r in results)
         tube = tube_of(comp, family, ref)
-        print(
-            f"{law:22s}{1e6 * np.median([r.peaks[-1] for r in results]):9.1f}{1e6 * largest:9.1f}"
-            f"   median {np.median(last):5.1f}, 95 % {np.quantile(last, 0.05):5.1f}, all "
-            f"{last.min():5.1f}   {np.median(rms):5.1f}/{rms.min():4.1f}{crawl:7.1f}"
-            f"{sum(r.slips for r in results):6d}{sum(r.moves > 2e-6 for r in results):6d}"
-            f"{1e6 * tube:8.0f}{tube / largest:6.2f}",
-            flush=True,
-        )
-    if hard and laws[-1] == "learned":
-        last = np.array([b.peaks[-1] / r.peaks[-1] for b, r in zip(hard, results, strict=True)])
-        rms = np.median([b.rms / r.rms for b, r in zip(hard, results, strict=True)])
-        print(
-            f"learned over hard pid: median {np.median(last):.1f}, 95 % "
-            f"{np.quantile(last, 0.05):.1f}, all {last.min():.1f}; RMS {rms:.1f}"
-        )
-
-
-def diagnosis() -> None:
-    """From a record to the compensated loop of the diagnosed axis."""
-    believed = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
-    hidden = (
-        dfc.effects.Cogging(amplitude=2.0, period=8e-3, phase=0.5),
-        dfc.effects.StribeckPeak(excess=0.4, speed=0.01),
-    )
-    machine = believed.replace(effects=hidden)
-    t = np.arange(12_000) * DT
-    wanted = 0.03 * np.sin(1.3 * t) + 0.008 * np.sin(5.1 * t) + 0.005 * (t.astype(int) % 2)
-    wanted = filter_reference(wanted, 40.0, DT)
-    controller = dfc.PositionController.from_bandwidth(believed, 25.0, DT)
-    run = dfc.simulate_loop(machine, controller, wanted, quantum=1e-6)
-    found = dfc.diagnose(believed, dfc.Record(t=t, u=run.y[4], x=run.y[5], reference=wanted))
-    print(f"\ndiagnosis: {found.verdict}, {', '.join(c.effect for c in found.causes)}")
-    motion = scan()
-    errors = []
-    for name, axis in (("believed", believed), ("diagnosed", found.extended)):
-        comp = dfc.design_compensation(axis, DT, 1e-6)
-        y = dfc.simulate_loop(machine, comp.controller, motion, quantum=1e-6).y
-        e = motion.position - y[0]
-        errors.append(float(np.sqrt(np.mean(e**2))))
-        print(
-            f"compensation of the {name:9s} axis: RMS {1e6 * errors[-1]:6.2f} um, "
-            f"largest {1e6 * np.abs(e).max():6.2f} um"
-        )
-    print(f"{errors[0] / errors[1]:.1f} times smaller")
-
-
-def scan() -> dfc.MotionProfile:
-    """Scanning back and forth over 60 mm."""
-    return dfc.motion_profile(
-        [0.0, 0.06, 0.0, 0.06, 0.0], DT, velocity=0.05, acceleration=1.0, jerk=50.0
-    )
-
-
-def main() -> None:
-    """Read the command line and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("tables", nargs="*", help=f"{' '.join(TABLES)} corners")
-    parser.add_argument("--plants", type=int, default=200)
-    parser.add_argument("--laws", default="all", help="all, or some, with commas between")
-    given = parser.parse_args()
-    laws = (*BASELINES[1:], "learned") if given.laws == "all" else tuple(given.laws.split(","))
-    for family in given.tables or TABLES:
-        if family == "diagnosis":
-            diagnosis()
-        else:
-            table(family, min(given.plants, 60) if family == "presliding" else given.plants, laws)
+        lines.row(
+            law, 1e6 * np.median([r.peaks[-1] for r in results]), 1e6 * largest,
+            np.median(last), np.quantile(last, 0.05), last.min(), np.median(rms), rms.min(), crawl,
+            sum(r.slips for r in results), sum(r.moves > 2e-6 for r in results), 1e6 * tube,
+            tube / largest,
+        )  # fmt: skip
 
 
 if __name__ == "__main__":
-    main()
+    print_tables(
+        __doc__,
+        {family: partial(error_table, family) for family in (*FAMILIES, "corners")},
+        {
+            "--plants": (200, "plants of a table"),
+            "--laws": (LAWS, "beside the PID controller"),
+        },
+        default=FAMILIES,
+    )

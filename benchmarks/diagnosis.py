@@ -1,4 +1,4 @@
-"""How often a diagnosis names the hidden cause, beside the best existing way.
+"""How often a diagnosis names the hidden cause, beside the best existing way (10 s a record).
 
     python benchmarks/diagnosis.py [--seeds 20] [--first 0] [--conditions exact off coarse short
                                    noisy 10-bit decimated jitter outliers machine]
@@ -25,27 +25,24 @@ the hidden one, and as much for the peer.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import inspect
 import json
-import sys
 import time
 import traceback
 import warnings
+from argparse import Namespace
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from harness import ROOT, Table, import_from, parser_of, percent_of
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-ROOT = Path(__file__).resolve().parents[1]
-for folder in (ROOT, ROOT / "tests", ROOT / "benchmarks"):
-    if str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
+import_from("tests")
 
 import diagnosis_baseline as peer  # noqa: E402
 import pictures  # noqa: E402
@@ -144,28 +141,26 @@ def _code() -> str:
     return digest.hexdigest()[:12]
 
 
-def keys(options: argparse.Namespace) -> list[Key]:
+def keys(options: Namespace) -> list[Key]:
     """All records of a run."""
+    chosen = [name for given in options.conditions for name in GROUPS.get(given, (given,))]
     kinds = {
         **dict.fromkeys(truth.CONDITIONS, (*truth.EFFECTS, CLEAN, PAIR, OUTSIDE)),
         **dict.fromkeys(truth.RECORDERS, (*truth.EFFECTS, CLEAN)),
         MACHINE: (MACHINE, CLEAN),
     }
-    return [
-        (condition, what, seed)
-        for condition in dict.fromkeys(
-            name for given in options.conditions for name in GROUPS.get(given, (given,))
-        )
-        for what in (
-            *kinds[condition],
-            *(truth.ADDED if options.effects and condition != MACHINE else ()),
-        )
-        if not options.effects or what in options.effects
-        for seed in range(
-            options.first,
-            options.first + options.seeds * (CLEAN_PER_SEED if what == CLEAN else 1),
-        )
-    ]
+    found = []
+    for condition in dict.fromkeys(chosen):
+        known = kinds[condition]
+        if options.effects:
+            # Effects that came later are made where they are named.
+            added = truth.ADDED if condition != MACHINE else ()
+            known = [what for what in (*known, *added) if what in options.effects]
+        for what in known:
+            count = options.seeds * (CLEAN_PER_SEED if what == CLEAN else 1)
+            seeds = range(options.first, options.first + count)
+            found += [(condition, what, seed) for seed in seeds]
+    return found
 
 
 def load(store: Path) -> dict[Key, Row]:
@@ -259,166 +254,135 @@ def _each(alternatives: list[str]) -> set[str]:
     return {slug for one in alternatives for slug in one.split("+")}
 
 
-def share(rows: Iterable[Row], mark: Callable[[Row], bool]) -> str:
-    """Rate as counts and per cent."""
-    marks = [mark(row) for row in rows]
-    return f"{sum(marks)}/{len(marks)} = {100.0 * np.mean(marks):.1f} %" if marks else "-"
-
-
-def line(what: str, ours: str, theirs: str = "-", target: str = "") -> None:
-    """One figure of both."""
-    print(f"  {what:44s} {ours:26s} {theirs:26s} {target}")
-
-
 # -- report ------------------------------------------------------------------------
 
+Mark = Callable[[Row], bool]
+#: Effects, alone in a record.
+SINGLE = (*truth.EFFECTS, *truth.ADDED)
+HIDDEN = (*SINGLE, MACHINE)
 
-def outcome(rows: list[Row], condition: str) -> None:
-    """Print what was named under a condition nearer to a machine, and five figures."""
-    hidden = [r for r in rows if r["what"] != CLEAN]
-    clean = [r for r in rows if r["what"] == CLEAN]
-    print(f"\n{condition}: what was named, by truth")
-    for what in (*truth.EFFECTS, *truth.ADDED, CLEAN):
-        group = [r for r in rows if r["what"] == what]
-        if group:
-            print(f"  {what:20s} {_told(Counter(answer(r) for r in group))}")
-    for row in hidden:
-        if row["what"] == MACHINE:
-            mark = "" if right(row) else "   <- wrong"
-            print(f"  {row['seed']:3d}  {' + '.join(row['truth']):60s} "
-                  f"{' + '.join(row['causes']) or row['verdict']}{mark}")  # fmt: skip
-    print(f"\n{condition}{'':40s} {'diagnosis':26s} target")
-    machine = condition == MACHINE
-    for text, group, mark, target in (
-        ("named right", hidden, right, "" if machine else ">= 95 %"),
-        ("all causes found, named or as alternatives", hidden, all_found,
-         ">= 85 %" if machine else ""),
-        ("clean: no cause named", clean, lambda r: "error" not in r and not accused(r), ">= 95 %"),
-        ('clean: "nothing to find"', clean, lambda r: r["verdict"] == "nothing to find",
-         "" if machine else ">= 95 %"),
-        ('verdict "explained"', hidden, lambda r: r["verdict"] == "explained", ">= 90 %"),
-        ("records with a false cause", rows, lambda r: bool(false_causes(r)), "<= 5 %"),
-    ):  # fmt: skip
-        if group:
-            print(f"  {text:44s} {share(group, mark):26s} {target}")
+
+def figures(condition: str) -> list[tuple[str, tuple[str, ...], Mark | None, Mark | None]]:
+    """Text, kinds of records, and marks of the diagnosis and of the peer, of each rate."""
+    off = condition == "off"
+    base_exact = [
+        ("  believing its parameters, gates of exact", SINGLE, None, exact_gates(peer_right)),
+    ]
+    clean_exact = [
+        ("  base parameters corrected", (CLEAN,), lambda r: bool(r["causes"]), None),
+        ("  gates of exact", (CLEAN,), None, exact_gates(peer_accused)),
+    ]
+    return [
+        ("named right", HIDDEN, right, peer_right),
+        *(base_exact if off else ()),
+        ("named right or in the alternatives", SINGLE, or_alternative, None),
+        ("all causes found, named or as alternatives", HIDDEN, all_found, None),
+        ("  a right base parameter accused beside", () if off else SINGLE, base_accused, None),
+        ('verdict "explained"', HIDDEN, lambda r: r["verdict"] == "explained", None),
+        ("with a false cause", (*HIDDEN, CLEAN), lambda r: bool(false_causes(r)), None),
+        ("clean records accused", (CLEAN,), accused, peer_accused),
+        *(clean_exact if off else ()),
+        ('  "nothing to find"', (CLEAN,), lambda r: r["verdict"] == "nothing to find", None),
+        ("outside the catalogue, flagged", (OUTSIDE,), lambda r: r["verdict"] in FLAGGED, None),
+        ("  and no cause named", (OUTSIDE,), lambda r: not r["causes"], lambda r: not r["peer"]),
+        ("both of a pair, nothing else", (PAIR,), right, None),
+        (
+            "  one of a pair, at least", (PAIR,),
+            lambda r: bool({*r["truth"]} & {*r["causes"]}), lambda r: r["peer"] in r["truth"],
+        ),
+    ]  # fmt: skip
+
+
+def report(rows: list[Row], condition: str) -> None:
+    """Print everything about one condition."""
+    with_peer = "peer" in rows[0]
+    print(f"\n{condition}: what was named, by truth" + " [best existing way]" * with_peer)
+    for what in (*SINGLE, CLEAN, OUTSIDE):
+        if group := [r for r in rows if r["what"] == what]:
+            theirs = Counter(r["peer"] or "nothing" for r in group if with_peer)
+            beside = f"   [{_told(theirs)}]" if with_peer else ""
+            print(f"  {what:20s} {_told(Counter(map(answer, group)))}{beside}")
+    for row in rows:
+        if row["what"] in (PAIR, MACHINE):
+            print(f"  {row['what']} {row['seed']:3d}  {' + '.join(row['truth']):60s} "
+                  f"{' + '.join(row['causes']) or row['verdict']}"
+                  f"{'' if right(row) else '   <- wrong'}")  # fmt: skip
+    table = Table({condition: "46s", "diagnosis": "27s", "best existing way": "27s"})
+    for text, kinds, ours, theirs in figures(condition):
+        if group := [r for r in rows if r["what"] in kinds]:
+            table.row(text, *(
+                percent_of([mark(r) for r in group]) if mark else "-"
+                for mark in (ours, theirs if with_peer else None)
+            ))  # fmt: skip
+    single = [r for r in rows if r["what"] in SINGLE]
+    for text, cell in numbers(single, [r for r in rows if r["what"] == PAIR]):
+        table.row(text, cell, "-")
     seconds = [r["seconds"] for r in rows]
-    told = f"{np.median(seconds):.1f} ({max(seconds):.1f})"
-    print(f"  {'seconds a diagnosis, median (largest)':44s} {told:26s} < 20")
-    _failures(rows)
-
-
-def _failures(rows: list[Row]) -> None:
-    """Print the last line of each error."""
+    theirs = f"{np.median([r['peer_seconds'] for r in rows]):.2f}" if with_peer else "-"
+    table.row(
+        "seconds a record, median (largest)",
+        f"{np.median(seconds):.1f} ({max(seconds):.1f})",
+        theirs,
+    )
     for row in rows:
         if "error" in row:
             print(f"  ERROR {row['what']} seed {row['seed']}: {row['error'].splitlines()[-1]}")
 
 
-def report(rows: list[Row], condition: str) -> None:
-    """Print everything about one blind condition."""
-    single = [r for r in rows if r["what"] in (*truth.EFFECTS, *truth.ADDED)]
-    clean = [r for r in rows if r["what"] == CLEAN]
-    pairs = [r for r in rows if r["what"] == PAIR]
-    outside = [r for r in rows if r["what"] == OUTSIDE]
-    print(f"\n{condition}: what was named, by truth (best existing way in brackets)")
-    for what in (*truth.EFFECTS, *truth.ADDED, CLEAN, OUTSIDE):
-        group = [r for r in rows if r["what"] == what]
-        if group:
-            ours = _told(Counter(answer(r) for r in group))
-            theirs = _told(Counter(r["peer"] or "nothing" for r in group))
-            print(f"  {what:20s} {ours}   [{theirs}]")
-    for row in pairs:
-        mark = "" if right(row) else "   <- wrong"
-        print(f"  pair {row['seed']:3d}  {' + '.join(row['truth']):38s} "
-              f"{' + '.join(row['causes']) or row['verdict']}{mark}")  # fmt: skip
-    print(f"\n{condition}{'':40s} {'diagnosis':26s} {'best existing way':26s} target")
-    if single:
-        line("named right", share(single, right), share(single, peer_right),
-             {"exact": ">= 97 %", "short": "-"}.get(condition, ">= 95 %"))  # fmt: skip
-        if condition == "off":
-            line("  believing its parameters, gates of exact", "",
-                 share(single, lambda r: peer_right(r, "peer_exact")))  # fmt: skip
-        line("named right or in the alternatives", share(single, or_alternative), "-",
-             ">= 90 %" if condition == "short" else "")  # fmt: skip
-        count = [len(a) for r in single for c, a in zip(r["causes"], r["alternatives"], strict=True)
-                 if c not in BASE]  # fmt: skip
-        line("  alternatives of a cause, mean", f"{np.mean(count):.2f}" if count else "-")
-        if condition != "off":
-            line("  a right base parameter accused beside", share(
-                [r for r in single if not set(r["truth"]) & set(BASE)],
-                lambda r: bool(set(r["causes"]) & set(BASE))))  # fmt: skip
-        target = ">= 90 %" if condition == "exact" else ""
-        rates = _by_effect(single, right), _by_effect(single, peer_right)
-        line("  worst effect", _worst(rates[0]), _worst(rates[1]), target)
-    if clean:
-        line("clean records accused", share(clean, accused), share(clean, _peer_accused), "<= 2 %")
-        if condition == "off":
-            line("  base parameters mended", share(clean, lambda r: bool(r["causes"])), "")
-            line("  gates of exact", "", share(clean, lambda r: bool(foreign_of(r["peer_exact"]))))
-    if outside:
-        line("outside the catalogue, flagged", share(outside, lambda r: r["verdict"] in FLAGGED),
-             "-", ">= 90 %")  # fmt: skip
-        line("  and no cause named", share(outside, lambda r: not r["causes"]),
-             share(outside, lambda r: r["peer"] is None))  # fmt: skip
-    if pairs:
-        line("both of a pair, nothing else", share(pairs, right), "-", ">= 80 %")
-        line("  one of a pair, at least",
-             share(pairs, lambda r: bool({*r["truth"]} & {*r["causes"]})),
-             share(pairs, lambda r: r["peer"] in r["truth"]))  # fmt: skip
-    _numbers(single, pairs)
-    seconds = [r["seconds"] for r in rows]
-    line("seconds a record, median (largest)", f"{np.median(seconds):.1f} ({max(seconds):.1f})",
-         f"{np.median([r['peer_seconds'] for r in rows]):.2f}", "< 20")  # fmt: skip
-    _failures(rows)
+def base_accused(row: Row) -> bool:
+    """Whether a base parameter that is right is named beside an effect."""
+    return not {*row["truth"]} & {*BASE} and bool({*row["causes"]} & {*BASE})
 
 
-def foreign_of(name: str | None) -> list[str]:
-    """The peer's answer unless it is a base parameter."""
-    return foreign([name]) if name else []
+def peer_accused(row: Row, field: str = "peer") -> bool:
+    """Whether the peer accuses a clean record; off, base parameters may be corrected."""
+    name = row[field]
+    return bool(foreign([name]) if name and row["condition"] == "off" else name)
 
 
-def _peer_accused(row: Row) -> bool:
-    return bool(foreign_of(row["peer"]) if row["condition"] == "off" else row["peer"])
+def exact_gates(mark: Callable[[Row, str], bool]) -> Mark:
+    """A mark of the peer with the gates that are for exact parameters."""
+    return lambda row: mark(row, "peer_exact")
 
 
 def _told(count: Counter[str]) -> str:
     return ", ".join(f"{name} {k}" for name, k in count.most_common())
 
 
-def _by_effect(rows: list[Row], mark: Callable[[Row], bool]) -> dict[str, float]:
-    found: dict[str, list[bool]] = {}
-    for row in rows:
-        found.setdefault(row["what"], []).append(mark(row))
-    return {what: float(np.mean(marks)) for what, marks in found.items()}
-
-
-def _worst(rates: dict[str, float]) -> str:
-    low = min(rates, key=lambda what: rates[what])
-    return f"{low} {100.0 * rates[low]:.0f} %"
-
-
-def _numbers(single: list[Row], pairs: list[Row]) -> None:
-    """Parameters and held-out errors."""
-    good = [r for r in single if right(r)]
-    errors = [e for r in good for e in r["errors"].values()]
-    if errors:
-        line("parameter error, median (90 % quantile)",
-             f"{100.0 * np.median(errors):.2g} % ({100.0 * np.quantile(errors, 0.9):.2g} %)", "-",
-             "<= 15 %")  # fmt: skip
-        each: dict[str, list[float]] = {}
-        for row in good:
-            for name, error in row["errors"].items():
-                each.setdefault(name, []).append(error)
+def numbers(single: list[Row], pairs: list[Row]) -> list[tuple[str, str]]:
+    """Text and value of what is no rate: alternatives, parameters, held-out errors."""
+    if not single:
+        return []
+    found = []
+    rates: dict[str, list[bool]] = {}
+    each: dict[str, list[float]] = {}
+    for row in single:
+        rates.setdefault(row["what"], []).append(right(row))
+        for name, error in row["errors"].items() if right(row) else ():
+            each.setdefault(name, []).append(error)
+    low = min(rates, key=lambda what: np.mean(rates[what]))
+    found.append(("  worst effect", f"{low} {100.0 * np.mean(rates[low]):.0f} %"))
+    count = [len(a) for r in single for c, a in zip(r["causes"], r["alternatives"], strict=True)
+             if c not in BASE]  # fmt: skip
+    found.append(("  alternatives of a cause, mean", f"{np.mean(count):.2f}" if count else "-"))
+    if each:
+        errors = [e for some in each.values() for e in some]
+        found.append(
+            (
+                "parameter error, median (90 % quantile)",
+                f"{100.0 * np.median(errors):.2g} % ({100.0 * np.quantile(errors, 0.9):.2g} %)",
+            )
+        )
         medians = sorted(((float(np.median(e)), name) for name, e in each.items()), reverse=True)
-        told = ", ".join(f"{name} {100.0 * error:.2g} %" for error, name in medians[:4])
-        print(f"    largest medians: {told}")
+        found += [(f"  {name}", f"{100.0 * error:.2g} %") for error, name in medians[:4]]
     both = [e for r in pairs if right(r) for e in r["errors"].values()]
     if both:
-        line("  in pairs", f"{100.0 * np.median(both):.2g} %")
-    ratios = [r["after"] / r["floor"] for r in single if r["after"] is not None]
-    if ratios:
-        line("held-out error over its floor, median", f"{np.median(ratios):.3f}", "-", "<= 1.15")
-        line("  share of records above 1.15", f"{100.0 * np.mean(np.array(ratios) > 1.15):.1f} %")
+        found.append(("  in pairs", f"{100.0 * np.median(both):.2g} %"))
+    ratios = np.array([r["after"] / r["floor"] for r in single if r["after"] is not None])
+    if ratios.size:
+        found.append(("held-out error over its floor, median", f"{np.median(ratios):.3f}"))
+        found.append(("  share of records above 1.15", f"{100.0 * np.mean(ratios > 1.15):.1f} %"))
+    return found
 
 
 def wrong(rows: list[Row]) -> None:
@@ -441,21 +405,18 @@ def wrong(rows: list[Row]) -> None:
 
 def main() -> None:
     """Run what is missing, then print one table per condition."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=20, help="records per effect")
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--conditions", nargs="+", default=list(CONDITIONS),
+    kinds = (*SINGLE, CLEAN, PAIR, OUTSIDE, MACHINE)
+    parser = parser_of(__doc__, {
+        "--seeds": (20, "records per effect"),
+        "--first": (0, "the first seed"),
+        "--jobs": (2, "records at the same time"),
+        "--store": (Path("diagnosis.jsonl"), "results, a line each"),
+        "--summary": (False, "only print what the store holds"),
+        "--plot": (Path, "confusion matrix of the effects, of all conditions run"),
+    })  # fmt: skip
+    parser.add_argument("--conditions", nargs="+", default=CONDITIONS,
                         choices=[*CONDITIONS, *GROUPS])  # fmt: skip
-    parser.add_argument("--effects", nargs="+",
-                        choices=[*truth.EFFECTS, *truth.ADDED, CLEAN, PAIR, OUTSIDE, MACHINE],
-                        help="effects and kinds of records (default: all)")  # fmt: skip
-    parser.add_argument("--jobs", type=int, default=2, help="records at the same time")
-    parser.add_argument("--store", type=Path, default=Path("diagnosis.jsonl"))
-    parser.add_argument("--summary", action="store_true", help="only print what the store holds")
-    parser.add_argument("--plot", type=Path, metavar="FILE",
-                        help="confusion matrix of the effects, of all conditions run")  # fmt: skip
+    parser.add_argument("--effects", nargs="+", choices=kinds, help="default: all")
     options = parser.parse_args()
     todo = keys(options)
     if not options.summary:
@@ -469,15 +430,14 @@ def main() -> None:
     for condition in CONDITIONS:
         some = [row for row in rows if row["condition"] == condition]
         if some:
-            (report if condition in truth.CONDITIONS else outcome)(some, condition)
+            report(some, condition)
     print("\nanswered wrongly:")
     wrong(rows)
     if options.plot:
-        kinds = (*truth.EFFECTS, *truth.ADDED, CLEAN)
-        some = [row for row in rows if row["what"] in kinds]
+        some = [row for row in rows if row["what"] in (*SINGLE, CLEAN)]
         under = ", ".join(dict.fromkeys(row["condition"] for row in some))
         pictures.confusion(
-            [(row["what"], answer(row)) for row in some], kinds,
+            [(row["what"], answer(row)) for row in some], (*SINGLE, CLEAN),
             f"{len(some)} simulated records, condition {under}", options.plot,
         )  # fmt: skip
 

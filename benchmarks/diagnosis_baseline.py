@@ -21,28 +21,22 @@ engineer who knows every functional form does with numpy and scipy:
   explains it, or else play) and from the force at breakaway;
 - every gate tuned on records that are not scored.
 
-Run:  python benchmarks/diagnosis_baseline.py [--seeds 20] [--tune]
+Run as a program it prints the gates that its tuning finds (half an hour).
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
-import time
-from collections import Counter
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from joblib import Parallel, delayed
+from harness import import_from
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 from scipy.signal import lfilter, savgol_coeffs
-from tqdm import tqdm
 
 Array = NDArray[np.float64]
-Row = tuple[str | None, dict[str, Any], float]  # truth, features, seconds
+Row = tuple[str | None, dict[str, Any]]  # truth, features
 
 NOISE = 0.02  # acceptable noise of m a, share of the Coulomb level
 SETTLED = 0.01  # share of the travel: past it presliding and play are over
@@ -63,22 +57,13 @@ class Gates(NamedTuple):
 
 TUNING = range(5000, 5020)  # seeds that no table counts
 
-# Found by `--tune`.
+# Found by `tune`.
 GATES = {
     "exact": Gates(0.055, 0.030, 1.02, 2.9, 3.0, 0.019, 0.217),
     "off": Gates(1.621, 0.335, 0.63, 1.8, 4.1, 0.014, 0.255),
     "coarse": Gates(0.076, 0.030, 1.41, 2.9, 0.60, 0.032, 0.185),
     "short": Gates(0.065, 0.026, 1.02, 2.1, 4.1, 0.0039, 0.255),
 }
-
-
-# Twins of theory: the same force on (nearly) all of a record.
-PAIRS = (
-    ("bias_force", "coulomb_asymmetry"),
-    ("dead_zone", "coulomb"),
-    ("input_gain", "load_dependence"),
-)
-EQUAL = dict(PAIRS) | {second: first for first, second in PAIRS}
 
 
 class Signals(NamedTuple):
@@ -397,46 +382,19 @@ def decide(f: dict[str, Any], gates: Gates) -> str | None:
     return "dwell_time" if f["dwell"] > gates.dwell else None
 
 
-def baseline(
-    t: Array, u: Array, x: Array, believed: dict[str, Any], condition: str = "exact"
-) -> str | None:
-    """Name the cause hidden in a record, or None for a clean one.
+def tuning_rows(condition: str) -> Iterator[Row]:
+    """Hidden effect, None for a clean record, and features of each record that no table counts."""
+    from truth import EFFECTS, make_case
 
-    Parameters
-    ----------
-    t, u, x : ndarray, shape (n,)
-        Time [s], held drive force [N], encoder reading [m].
-    believed : dict
-        mass, viscous, coulomb, stribeck (None or excess and speed),
-        stick_speed, travel.
-    condition : {"exact", "off", "coarse", "short"}
-        Which gates to use.
-    """
-    return decide(features(t, u, x, believed), GATES[condition])
-
-
-def _record(slug: str | None, seed: int, condition: str) -> Row:
-    from truth import make_case
-
-    case = make_case(slug if slug is not None else (), seed, condition)
-    start = time.perf_counter()
-    found = features(case.t, case.u, case.x, case.believed)
-    return slug, found, time.perf_counter() - start
-
-
-def collect(seeds: range, condition: str, jobs: int) -> list[Row]:
-    """Features of every effect and as many clean records, one per seed."""
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-    from truth import EFFECTS
-
-    work = [(slug, seed) for slug in (None, *EFFECTS) for seed in seeds]
-    bar = tqdm(work, desc=condition, disable=None)
-    return list(Parallel(n_jobs=jobs)(delayed(_record)(*item, condition) for item in bar))
+    for slug in (None, *EFFECTS):
+        for seed in TUNING:
+            case = make_case(slug or (), seed, condition)
+            yield slug, features(case.t, case.u, case.x, case.believed)
 
 
 def quality(rows: list[Row], gates: Gates) -> float:
     """Share named right, clean records counting as much as six effects."""
-    right = [(slug, decide(f, gates) == slug) for slug, f, _ in rows]
+    right = [(slug, decide(f, gates) == slug) for slug, f in rows]
     weight = np.array([6.0 if slug is None else 1.0 for slug, _ in right])
     return float(np.average([ok for _, ok in right], weights=weight))
 
@@ -456,45 +414,7 @@ def tune(rows: list[Row]) -> Gates:
     return gates
 
 
-def report(rows: list[Row], condition: str, gates: Gates) -> None:
-    """Print the confusion matrix, one line per truth."""
-    named: dict[str | None, Counter[str]] = {}
-    for slug, f, _ in rows:
-        named.setdefault(slug, Counter())[decide(f, gates) or "nothing"] += 1
-    print(f"\n{condition}: what was named, by truth")
-    for slug, count in named.items():
-        told = ", ".join(f"{name} {k}" for name, k in count.most_common())
-        print(f"  {slug or 'clean':20s} {told}")
-    clean = named.pop(None)
-    n, total = clean.total(), sum(count.total() for count in named.values())
-    right = sum(count[str(slug)] for slug, count in named.items())
-    equal = sum(count[EQUAL.get(str(slug), "")] for slug, count in named.items())
-    base = sum(clean[slug] for slug in ("inertia", "viscous", "coulomb"))
-    print(
-        f"  named right {right}/{total} = {100.0 * right / total:.1f} %, or its equal twin "
-        f"{100.0 * (right + equal) / total:.1f} %; clean records accused {n - clean['nothing']}/{n}"
-        f" (of a base parameter {base}); {np.median([s for *_, s in rows]):.2f} s a record"
-    )
-
-
-def main() -> None:
-    """Tune if asked, then print one confusion matrix per condition."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--seeds", type=int, default=20, help="records per effect")
-    parser.add_argument("--conditions", nargs="+", default=["exact", "off", "coarse", "short"])
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--tune", action="store_true", help="fit the gates on other seeds first")
-    options = parser.parse_args()
-    for condition in options.conditions:
-        gates = GATES[condition]
-        if options.tune:
-            gates = tune(collect(TUNING, condition, options.jobs))
-            print(condition, gates)
-        rows = collect(range(options.seeds), condition, options.jobs)
-        report(rows, condition, gates)
-        if condition == "off":  # what happens to those who trust their parameters
-            report(rows, "off, with the gates of exact", GATES["exact"])
-
-
 if __name__ == "__main__":
-    main()
+    import_from("tests")
+    for condition in GATES:
+        print(condition, tune(list(tuning_rows(condition))), flush=True)

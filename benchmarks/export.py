@@ -11,19 +11,19 @@ python benchmarks/export.py [kinds] [--single] [--samples N] [--machines N]
 
 from __future__ import annotations
 
-import argparse
-import sys
 import tempfile
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from harness import import_from, parser_of
 
 import dryfric_control as dfc
 from dryfric_control.compiled import compensation
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "export"))
-import native
+import_from("tests/export")
+import native  # noqa: E402
 
 DT, QUANTUM = 1e-3, 1e-6
 
@@ -35,7 +35,7 @@ def axis_case(rng, n, structure=False):
     return axis, (u,), axis.simulate(u, DT).y, None
 
 
-def observer_case(rng, n, make):
+def observer_case(make, rng, n):
     """An observer of a random axis, with the reading of a mismatched plant."""
     axis = native.random_axis(rng)
     made = make(axis, rng)
@@ -90,44 +90,46 @@ def compensation_case(rng, n):
 _HARD = ("input_delay", "actuator_lag", "input_gain", "dead_zone", "saturation")
 
 CASES = {
-    "axis": lambda rng, n: axis_case(rng, n),
-    "axis with inner states": lambda rng, n: axis_case(rng, n, True),
-    "switched observer": lambda rng, n: observer_case(rng, n, switched),
-    "hybrid filter": lambda rng, n: observer_case(rng, n, hybrid),
-    "extended state": lambda rng, n: observer_case(rng, n, extended),
+    "axis": axis_case,
+    "axis with inner states": partial(axis_case, structure=True),
+    "switched observer": partial(observer_case, switched),
+    "hybrid filter": partial(observer_case, hybrid),
+    "extended state": partial(observer_case, extended),
     "compensation": compensation_case,
 }
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--samples", type=int, default=1_000_000)
-    parser.add_argument("--machines", type=int, default=20)
-    parser.add_argument("--single", action="store_true")
+    parser = parser_of(
+        __doc__,
+        {
+            "--samples": (1_000_000, "of each kind"),
+            "--machines": (20, "of each kind"),
+            "--single": (False, "single precision beside double"),
+        },
+    )
     parser.add_argument("kinds", nargs="*", default=list(CASES))
     given = parser.parse_args()
     warnings.simplefilter("ignore")
-    precision = "single" if given.single else "double"
+    n = given.samples // given.machines
     for kind in given.kinds:
         rng = np.random.default_rng(19)
-        n, differ, far = given.samples // given.machines, 0, 0
-        squares: list = []
+        differ, far, squares = 0, 0, []
         for _ in range(given.machines):
             obj, inputs, expected, truth = CASES[kind](rng, n)
             with tempfile.TemporaryDirectory() as folder:
-                code = native.Native(obj, Path(folder), precision)
+                code = native.Native(obj, Path(folder), "single" if given.single else "double")
                 out, _ = code.run(*inputs)
             differ += int((out != expected).sum())
             far = max(far, native.ulps(out, expected))
             errors = [] if truth is None else [np.mean((expected[1] - truth[1]) ** 2)]
             squares.append([*np.mean((out - expected) ** 2, axis=1), *errors])
+        row = f"{differ} values differ, by {far} units in the last place at most"
         if given.single:
             rms = np.sqrt(np.median(squares, axis=0))
             names = [s.name for s in code.made.outputs] + ["error of vhat in double"]
             row = ", ".join(f"{a} {b:.2g}" for a, b in zip(names, rms, strict=False))
-        else:
-            row = f"{differ} values differ, by {far} units in the last place at most"
         print(f"{kind}: {given.machines} machines, {n * given.machines} samples: {row}", flush=True)
 
 

@@ -16,12 +16,12 @@ the standard errors of both and a twentieth of itself.
 
 from __future__ import annotations
 
-import argparse
 import time
 import warnings
 from collections.abc import Iterator
 
 import numpy as np
+from harness import parser_of, percent_of
 from numba import njit
 
 import dryfric_control as dfc
@@ -151,30 +151,28 @@ def complaints(found: dfc.Diagnosis, record: dfc.Record, other: dfc.Record) -> I
 
 def main() -> None:
     """Diagnose each machine, print the answer and what counts against it."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--laws", nargs="*", choices=LAWS, default=LAWS)
-    chosen = parser.parse_args()
+    given = parser_of(
+        __doc__,
+        {
+            "--seeds": (5, "machines of each law"),
+            "--first": (0, "first seed"),
+            "--laws": (LAWS, "of the machines"),
+        },
+    ).parse_args()
     warnings.simplefilter("ignore")
-    bad = count = 0
-    for law in chosen.laws:
-        for seed in range(chosen.first, chosen.first + chosen.seeds):
+    marks = []
+    for law in given.laws:
+        for seed in range(given.first, given.first + given.seeds):
             axis, record, other = records(law, seed)
             start = time.process_time()
             found = dfc.diagnose(axis, record, progress=False)
             spent = time.process_time() - start
             wrong = list(complaints(found, record, other))
-            count, bad = count + 1, bad + bool(wrong)
-            named = ", ".join(f"{n} {v:.4g}" for n, v, _, _ in amounts(found))
-            print(
-                f"{law} {seed}: {found.verdict}; {named or 'no cause'}; {spent:.0f} s", flush=True
-            )
-            for line in wrong:
-                print(f"    against it: {line}", flush=True)
-    print(f"{count} machines, {bad} answers with something against them")
+            marks.append(bool(wrong))
+            named = ", ".join(f"{n} {v:.4g}" for n, v, _, _ in amounts(found)) or "no cause"
+            print(f"{law} {seed}: {found.verdict}; {named}; {spent:.0f} s", flush=True)
+            print("".join(f"    against it: {line}\n" for line in wrong), end="", flush=True)
+    print(f"answers with something against them: {percent_of(marks)}")
 
 
 if __name__ == "__main__":

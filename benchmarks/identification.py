@@ -1,4 +1,4 @@
-"""What identification reaches: on the bench, on EMPS, on a servo pendulum.
+"""What identification reaches: on the bench, on EMPS, on a servo pendulum (EMPS: 13 s).
 
     python benchmarks/identification.py [emps | bam | bench | coverage | map | stribeck]
         [--repeats 200] [--condition noise]
@@ -9,13 +9,13 @@ Prints tables; every figure comes from the run.  Records are read from
 
 from __future__ import annotations
 
-import argparse
-import sys
 import time
 import warnings
-from pathlib import Path
+from argparse import Namespace
 
+import measured
 import numpy as np
+from harness import import_from, print_tables
 from scipy.signal import butter, decimate, filtfilt
 
 import dryfric_control as dfc
@@ -26,11 +26,10 @@ from dryfric_control.identification import (
     identify_stribeck,
     replay_loop,
 )
-from dryfric_control.records import Record, read_bam, read_record
+from dryfric_control.model.friction_curve import net_force
+from dryfric_control.records import Record
 
-ROOT = Path(__file__).resolve().parents[1]
-DATA = ROOT.parent / "shared" / "data"
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "identification")]
+import_from("tests", "tests/identification")
 import truth  # noqa: E402  (the independent bench lives with the tests)
 
 #: White noise on the recorded drive, in parts of the Coulomb level.
@@ -83,8 +82,9 @@ def spoiled(seed: int, condition: str) -> tuple[truth.Case, Record]:
     return case, Record(t, u, x, quantum=quantum)
 
 
-def coverage(repeats: int, conditions: list[str]) -> None:
+def coverage(given: Namespace) -> None:
     """Share of 90 % intervals that cover the truth, over seeded repeats."""
+    repeats, conditions = given.repeats, given.condition
     print(f"90 % intervals of fit, {repeats} records each: cover the truth; median error, and half")
     print("an interval in per cent of the value; the fit says that the model does not fit")
     for condition in conditions:
@@ -133,25 +133,25 @@ def values(case: truth.Case) -> dict[str, float]:
     return {n: a[n] for n in ("mass", "viscous", "coulomb")} | peak
 
 
-def coverage_map(repeats: int) -> None:
+def coverage_map(given: Namespace) -> None:
     """The same of a Coulomb map from a crawl."""
     hits = []
-    for seed in range(repeats):
+    for seed in range(given.repeats):
         record, level = crawl(seed)
         levels = identify_coulomb(record, degree=2, axis=BENCH)
         for place in (0.05, 0.15, 0.25):
             for s in (1, -1):
                 low, high = levels.band([place], s)
                 hits.append(bool(low[0] <= level(place, s) <= high[0]))
-    print(f"90 % intervals of a Coulomb map at six places, {repeats} crawls: "
+    print(f"90 % intervals of a Coulomb map at six places, {given.repeats} crawls: "
           f"{100 * np.mean(hits):.1f} %")  # fmt: skip
 
 
-def coverage_stribeck(repeats: int) -> None:
+def coverage_stribeck(given: Namespace) -> None:
     """The same with the Stribeck peak free, on records of 20 s with crawls."""
     names = ("mass", "viscous", "coulomb", "stribeck.excess", "stribeck.speed")
     hits: dict[str, list[bool]] = {name: [] for name in names}
-    start = time.perf_counter()
+    start, repeats = time.perf_counter(), 2 * given.repeats
     for seed in range(repeats):
         case = truth.make_null(seed)
         a = case.actual
@@ -171,7 +171,7 @@ def coverage_stribeck(repeats: int) -> None:
         print(f"  {name:32s} {100 * np.mean(found):5.1f} %")
 
 
-def bench() -> None:
+def bench(given: Namespace) -> None:
     """Levels and ripple from a crawl of the independent bench, over seeds."""
     from test_identification import AXIS, PLACES
     from test_identification import bench as crawling
@@ -242,8 +242,6 @@ def force_error(axis: dfc.FrictionAxis, record: Record) -> float:
     central differences; with these numbers least squares on the whole record
     gives back the published parameters.
     """
-    from dryfric_control.model.friction_curve import net_force
-
     b, a = butter(4, 2.0 * 100.0 * record.dt)
     x = filtfilt(b, a, record.x)
     v = np.gradient(x, record.dt)
@@ -254,13 +252,12 @@ def force_error(axis: dfc.FrictionAxis, record: Record) -> float:
     return float(100.0 * np.linalg.norm(thin[0] - thin[1]) / np.linalg.norm(thin[0]))
 
 
-def emps() -> None:
+def emps(given: Namespace) -> None:
     """EMPS: parameters, held-out errors, relative force errors."""
-    path = DATA / "emps" / "DATA_EMPS.mat"
-    if not path.exists():
-        print("EMPS: no record at", path)
+    if not measured.EMPS.exists():
+        print("EMPS: no record at", measured.EMPS)
         return
-    record = read_record(path)
+    record = dfc.datasets.emps(measured.EMPS)
     train, test = record.split(0.6)
     loop = dfc.PositionController(
         kp=160.18 * 243.45 * 35.1507, ki=0.0, kd=243.45 * 35.1507, dt=1e-3, limit=351.507, span=2
@@ -304,64 +301,50 @@ def emps() -> None:
                   f"{fitted.units[name]} {beside}")  # fmt: skip
 
 
-def bam() -> None:
+def bam(given: Namespace) -> None:
     """Servo pendulum: fitted at kp = 100, tested at kp = 400."""
-    logs = [read_bam(path) for path in sorted((DATA / "bam_xl330").glob("*.json"))]
-    if not logs:
-        print("BAM: no logs at", DATA / "bam_xl330")
+    machine = measured.pendulum()
+    if not machine.train:
+        print("BAM: no logs at", measured.PENDULUM)
         return
-
-    def enabled(log):  # type: ignore[no-untyped-def]
-        off = np.flatnonzero(~log["torque_enable"])
-        return log["record"][: int(off[0])] if off.size else log["record"]
-
-    # u is in V: gain = kt/R, and back-EMF kt^2/R is part of the viscous term.
-    hanging = 0.49 * 9.81 * 0.1
-    axis = dfc.FrictionAxis(
-        mass=0.49 * 0.1**2, viscous=0.1, coulomb=0.05, stick_speed=1e-2, units=("rad", "N m"),
-        effects=(dfc.effects.Gravity(hanging), dfc.effects.InputGain(0.2)),
-    )  # fmt: skip
     free = ("mass", "viscous", "coulomb", "input_gain", "gravity.phase", "input_delay")
-    tests = [(g["trajectory"], enabled(g)) for g in logs if g["kp"] == 400]
     for title, names in (
         ("gravity, back-EMF, Coulomb, input delay", free),
         ("and load dependence", (*free, "load_dependence")),
     ):
         begun = time.perf_counter()
-        found = fit(axis, [enabled(g) for g in logs if g["kp"] == 100], names)
+        found = fit(machine.axis, machine.train, names)
         print(f"\nBAM: {title} ({time.perf_counter() - begun:.1f} s)")
         for name, value in found.parameters.items():
             print(f"  {name:32s} {value:10.4g} +- {found.standard_errors[name]:.2g}")
         squares, ends = [], []
-        for trajectory, record in tests:
+        for trajectory, record in machine.test:
             run = found.replay(record)
             whole = found.axis.simulate(record.u, record.dt, x0=float(record.x[0]))
             error = float(np.sqrt(np.mean((whole.y[0] - record.x) ** 2)))
             squares.append(run.rms**2)
-            ends.append(error)
+            ends.append(error**2)
             print(f"  held out {trajectory:18s} windows of 0.25 s: RMS {run.rms:.4f} rad, median "
                   f"{run.median:.4f}; whole log, open loop: {error:.3g} rad")  # fmt: skip
         print(f"  all held-out logs: windows {np.sqrt(np.mean(squares)):.4f} rad, whole logs "
-              f"{np.sqrt(np.mean(np.square(ends))):.3g} rad")  # fmt: skip
+              f"{np.sqrt(np.mean(ends)):.3g} rad")  # fmt: skip
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", nargs="*", default=["emps", "bam", "bench", "coverage", "map"])
-    parser.add_argument("--condition", choices=CONDITIONS, action="append")
-    parser.add_argument("--repeats", type=int, default=200)
-    options = parser.parse_args()
+if __name__ == "__main__":
     warnings.simplefilter("ignore", FitWarning)  # they are in the summaries
-    for what in options.what:
+    print_tables(
+        __doc__,
         {
             "emps": emps,
             "bam": bam,
             "bench": bench,
-            "coverage": lambda: coverage(options.repeats, options.condition or list(CONDITIONS)),
-            "map": lambda: coverage_map(options.repeats),
-            "stribeck": lambda: coverage_stribeck(2 * options.repeats),
-        }[what]()
-
-
-if __name__ == "__main__":
-    main()
+            "coverage": coverage,
+            "map": coverage_map,
+            "stribeck": coverage_stribeck,
+        },
+        {
+            "--repeats": (200, "records of each condition"),
+            "--condition": (tuple(CONDITIONS), "of coverage"),
+        },
+        default=("emps", "bam", "bench", "coverage", "map"),
+    )

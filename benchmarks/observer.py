@@ -1,10 +1,10 @@
-"""Observers: accuracy, certified gain, and time of a sample (all but `robust`: 5 min).
+"""Observers: accuracy, certified gain, and time of a sample (all but `robust`: 2 min).
 
-    python benchmarks/observer.py loop     closed loop of the presets, 6 s
+    python benchmarks/observer.py loop     closed loop of the presets, 12 s
     python benchmarks/observer.py robust   the same on 500 random plants, 4 min; --plot FILE
-    python benchmarks/observer.py arena    observers on 15 records, each tuned, 3 min
-    python benchmarks/observer.py effects  an observer that knows the effects of an axis, 20 s
-    python benchmarks/observer.py gamma    certified gain by method, 1 min
+    python benchmarks/observer.py arena    observers on 15 records, each tuned, 1 min
+    python benchmarks/observer.py effects  an observer that knows the effects of an axis, 14 s
+    python benchmarks/observer.py gamma    certified gain by method, 17 s
     python benchmarks/observer.py speed    time of a sample, and of a design, 5 s
 
 `loop` and `robust` print position error [increments], velocity error over the velocity's RMS,
@@ -24,9 +24,8 @@ observer, for three rates at which a stuck axis decays.
 
 from __future__ import annotations
 
-import argparse
 import math
-import time
+from argparse import Namespace
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -36,6 +35,7 @@ import control as ct
 import numpy as np
 import observer_peers as peers
 import scipy.stats
+from harness import Table, print_tables, shortest_time
 
 import dryfric_control as dfc
 from dryfric_control import presets
@@ -52,17 +52,6 @@ TRUE_STAGE = STAGE.replace(stribeck=dfc.Stribeck(0.3, 0.01), stick_speed=2e-3)
 TRAINING_STAGE = TRUE_STAGE.replace(
     coulomb=(8.6, 7.6), mass=2.1, stribeck=dfc.Stribeck(0.25, 0.012)
 )
-
-
-def process_time(work: Callable[[], object], repeat: int = 5) -> float:
-    """Shortest processor time of some calls after a first one [s]."""
-    work()
-    times = []
-    for _ in range(repeat):
-        begin = time.process_time()
-        work()
-        times.append(time.process_time() - begin)
-    return min(times)
 
 
 # ------------------------------------------------------------ loop and robust
@@ -120,26 +109,25 @@ def estimators() -> dict[str, Estimator]:
     }
 
 
-def loop_table() -> None:
+def loop_table(given: Namespace) -> None:
     """Errors on the closed loop of the presets."""
     run = presets.clutch_experiment()
     u, y = run.plant.y[4].copy(), run.plant.y[5].copy()
-    print(f"\n{'':24}{'position':>12}{'velocity':>10}{'friction':>10}{'bias':>10}{'mode':>10}")
+    shares = dict.fromkeys(("velocity %", "friction %", "bias %", "mode %"), "11.2f")
+    table = Table({"": "24s", "position inc": "13.2f"} | shares)
     for name, estimator in estimators().items():
         rows = estimator.estimate(u, y, xhat0=presets.FIRST_ESTIMATE)
         s = score_estimate(run.axis, DT, run.plant.y, rows)
-        shares = 100.0 * np.array([s.speed, s.friction, s.friction_bias, s.commutation])
-        cells = "".join(f"{share:8.2f} %" for share in shares)
-        print(f"{name:24}{s.position:8.2f} inc{cells}")
+        shown = 100.0 * np.array([s.speed, s.friction, s.friction_bias, s.commutation])
+        table.row(name, s.position, *shown)
 
 
-def robust_table(runs: int, plot: Path | None) -> None:
-    """The same over random mismatches."""
-    begin = time.perf_counter()
-    found = presets.clutch_monte_carlo(runs=runs, estimators=estimators())
-    print(f"\n{found.summary()}\n{runs} plants of 12 s: {time.perf_counter() - begin:.0f} s")
-    if plot:
-        found.plot().figure.savefig(plot, dpi=110)
+def robust_table(given: Namespace) -> None:
+    """The same over random mismatches, plants of 12 s."""
+    found = presets.clutch_monte_carlo(runs=given.runs, estimators=estimators())
+    print(f"\n{found.summary()}")
+    if given.plot:
+        found.plot().figure.savefig(given.plot, dpi=110)
     mild = np.array([mismatch.excess < 0.05 for mismatch in found.mismatches])
     errors = 100.0 * found.scores["switched"][:, 4]
     for words, chosen in (("below 5 %", mild), ("above", ~mild)):
@@ -376,22 +364,21 @@ def tuned_numbers(row: Row, case: Case, budget: int) -> list[float]:
     return np.exp(best).tolist()
 
 
-def arena_table(budget: int) -> None:
+def arena_table(given: Namespace) -> None:
     """Medians of each row in each family."""
     every = families()
-    print(f"\n{'':32}{'velocity [%]':>24}{'friction [%]':>24}{'mode [%]':>24}{'us a sample':>13}")
+    errors_of = {f"{name} [%]": "24s" for name in ("velocity", "friction", "mode")}
+    table = Table({"": "32s"} | errors_of | {"us a sample": "13.3f"})
     for row in ROWS:
         medians, times = [], []
         for train, scored in every.values():
-            numbers = tuned_numbers(row, train, budget)
+            numbers = tuned_numbers(row, train, given.budget)
             runs = [row.make(case, numbers) for case in scored]
             found = [errors(case, run()) for case, run in zip(scored, runs, strict=True)]
             medians.append({name: np.median([one[name] for one in found]) for name in found[0]})
-            times += [process_time(runs[0], 3) / scored[0].record.shape[1]]
-        cells = ""
-        for name in ("velocity", "friction", "mode"):
-            cells += f"{' / '.join(f'{100 * one[name]:.2f}' for one in medians):>24}"
-        print(f"{row.name:32}{cells}{1e6 * np.median(times):13.3f}", flush=True)
+            times += [shortest_time(runs[0], 3) / scored[0].record.shape[1]]
+        cells = (" / ".join(f"{100 * one[n]:.2f}" for one in medians) for n in medians[0])
+        table.row(row.name, *cells, 1e6 * np.median(times))
 
 
 # -------------------------------------------------------------------- effects
@@ -413,13 +400,13 @@ EFFECTS: dict[str, tuple[dfc.effects.Effect, ...]] = {
 EFFECTS["spring, bias, cogging"] = sum((EFFECTS[n] for n in list(EFFECTS)[:3]), ())
 
 
-def effects_table() -> None:
+def effects_table(given: Namespace) -> None:
     """Observer of the plain axis against one that knows the effects, three references each."""
     plain = dfc.FrictionAxis(
         mass=2.0, viscous=15.0, coulomb=8.0, stribeck=dfc.Stribeck(0.1, 0.01), travel=(-0.3, 0.3)
     )
     controller = dfc.PositionController.from_bandwidth(plain, 15.0, DT, limit=60.0)
-    print(f"\n{'':24}{'velocity error':>22}{'friction error':>22}{'mode':>22}")
+    table = Table({"": "24s"} | dict.fromkeys(("velocity error", "friction error", "mode"), "22s"))
     for name, effects in EFFECTS.items():
         plant = plain.replace(effects=effects)
         found = np.empty((2, 3, 3))
@@ -429,8 +416,7 @@ def effects_table() -> None:
                 r = np.repeat(np.random.default_rng(seed).uniform(-0.2, 0.2, 24), 500)
                 run = simulate_observed_loop(plant, controller, design, r, quantum=1e-5)
                 found[i, seed] = run.score.speed, run.score.friction, run.score.commutation
-        cells = (f"{b:11.2f} -> {a:5.2f} %" for b, a in 100.0 * found.mean(axis=1).T)
-        print(f"{name:24}" + "".join(cells))
+        table.row(name, *(f"{b:.2f} -> {a:.2f} %" for b, a in 100.0 * found.mean(axis=1).T))
 
 
 # ---------------------------------------------------------------------- gamma
@@ -448,10 +434,7 @@ SPECIFICATION = {
 METHODS = {
     "paper (Theorem 1, corrected)": {"method": "paper"},
     "slack": {"method": "slack"},
-    "path, window 2": {"method": "path", "window": 2},
-    "path, window 3": {"method": "path", "window": 3},
-    "path, window 4": {"method": "path", "window": 4},
-    "path, window 6": {"method": "path", "window": 6},
+    **{f"path, window {n}": {"method": "path", "window": n} for n in (2, 3, 4, 6)},
     "path, window 6, no decay rate": {"method": "path", "window": 6, "decay": 1.0},
 }
 
@@ -461,19 +444,19 @@ def gamma_axis(rate: float) -> dfc.FrictionAxis:
     return dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=8.0, stick_rate=rate, stick_speed=1e-4)
 
 
-def gamma_table() -> None:
+def gamma_table(given: Namespace) -> None:
     """Certified gain and gain reached, for three decay rates of the stuck mode."""
     axes = {rate: gamma_axis(rate) for rate in (200.0, 500.0, 900.0)}
-    print(f"\n{'certified / reached':32}" + "".join(f"{f'p = {rate:g}':>20}" for rate in axes))
+    table = Table({"certified / reached": "32s"} | {f"p = {rate:g}": "20s" for rate in axes})
     limits = dict.fromkeys(axes, 0.0)
     for name, options in METHODS.items():
-        cells = ""
+        cells = []
         for rate, axis in axes.items():
             design = dfc.design_pi_observer(axis, DT, **(SPECIFICATION | options))
             limits[rate] = max(limits[rate], design.certificate.limit)
-            cells += f"{f'{design.gamma:.5f} / {design.lower_bound:.5f}':>20}"
-        print(f"{name:32}{cells}", flush=True)
-    print(f"{'limit of any observer':32}" + "".join(f"{one:20.5f}" for one in limits.values()))
+            cells.append(f"{design.gamma:.5f} / {design.lower_bound:.5f}")
+        table.row(name, *cells)
+    table.row("limit of any observer", *(f"{one:.5f}" for one in limits.values()))
 
 
 # ---------------------------------------------------------------------- speed
@@ -492,47 +475,40 @@ def face_times(observer: dfc.observer.Observer, u: np.ndarray, y: np.ndarray) ->
         "stepper().step": (lambda: [stepper.step(*one) for one in signals.T], count),
         "block()": (lambda: ct.input_output_response(block, t, signals), count),
     }
-    return {face: 1e9 * process_time(work) / samples for face, (work, samples) in works.items()}
+    return {face: 1e9 * shortest_time(work) / samples for face, (work, samples) in works.items()}
 
 
-def speed_table() -> None:
+def speed_table(given: Namespace) -> None:
     """Time of one sample by each face of each observer, and of a design."""
     run = presets.clutch_experiment()
     u, y = run.plant.y[4].copy(), run.plant.y[5].copy()
     axis = presets.clutch_observer_axis()
+    table = Table({"observer": "16s", "face": "20s", "ns": "14.1f"})
     for name, observer in {
         "switched PI": presets.clutch_observer(),
         "hybrid filter": dfc.hybrid_filter(axis, DT, presets.QUANTUM),
         "extended state": dfc.extended_state_observer(axis, DT, presets.QUANTUM),
     }.items():
         for face, spent in face_times(observer, u, y).items():
-            print(f"{name:16}{face:20}{spent:12.1f} ns")
-    design = process_time(lambda: dfc.design_pi_observer(gamma_axis(500.0), DT, **SPECIFICATION))
-    print(f"{'switched PI':16}{'slack design':20}{1e3 * design:12.1f} ms")
-
-
-def main() -> None:
-    """Print the tables that are named, all without names."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    tables = ("loop", "robust", "arena", "effects", "gamma", "speed")
-    parser.add_argument("tables", nargs="*", help=" ".join(tables))
-    parser.add_argument("--runs", type=int, default=500, help="plants of table robust")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="picture of table robust")
-    parser.add_argument("--budget", type=int, default=80, help="evaluations of a tuning")
-    given = parser.parse_args()
-    works: dict[str, Callable[[], None]] = {
-        "loop": loop_table,
-        "robust": lambda: robust_table(given.runs, given.plot),
-        "arena": lambda: arena_table(given.budget),
-        "effects": effects_table,
-        "gamma": gamma_table,
-        "speed": speed_table,
-    }
-    if unknown := set(given.tables) - set(works):
-        parser.error(f"no table {', '.join(sorted(unknown))}: name some of {' '.join(works)}")
-    for name in given.tables or tables:
-        works[name]()
+            table.row(name, face, spent)
+    design = shortest_time(lambda: dfc.design_pi_observer(gamma_axis(500.0), DT, **SPECIFICATION))
+    table.row("switched PI", "slack design", 1e9 * design)
 
 
 if __name__ == "__main__":
-    main()
+    print_tables(
+        __doc__,
+        {
+            "loop": loop_table,
+            "robust": robust_table,
+            "arena": arena_table,
+            "effects": effects_table,
+            "gamma": gamma_table,
+            "speed": speed_table,
+        },
+        {
+            "--runs": (500, "plants of table robust"),
+            "--plot": (Path, "picture of table robust"),
+            "--budget": (80, "evaluations of a tuning"),
+        },
+    )

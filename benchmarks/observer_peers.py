@@ -48,9 +48,6 @@ def bandmode(p, v):
 def fd(p, s, u, y, o):
     """Filtered difference; own: time constant."""
     keep = math.exp(-p[DT] / p[OWN])
-    if s[9] == 0.0:
-        s[9] = 1.0
-        s[0] = y
     vb = s[1]
     s[1] = keep * s[1] + (1 - keep) * (y - s[0]) / p[DT]
     s[2] = keep * s[2] + (1 - keep) * (s[1] - vb) / p[DT]
@@ -61,9 +58,6 @@ def fd(p, s, u, y, o):
 @njit
 def kf(p, s, u, y, o):
     """Kalman filter or extended state observer: own a12, a22, e1, e2 and three gains."""
-    if s[9] == 0.0:
-        s[9] = 1.0
-        s[0] = y
     F = u + s[2]
     x = s[0] + p[OWN] * s[1] + p[OWN + 2] * F
     v = p[OWN + 1] * s[1] + p[OWN + 3] * F
@@ -88,10 +82,6 @@ def lp2(s, i, w, dt, r):
 @njit
 def dob(p, s, u, y, o):
     """Disturbance observer: own bandwidths for friction and velocity."""
-    if s[9] == 0.0:
-        s[9] = 1.0
-        s[0] = y
-        s[4] = y
     _, v1, a1 = lp2(s, 0, p[OWN], p[DT], y)
     uf, _, _ = lp2(s, 2, p[OWN], p[DT], u)
     x2, v2, _ = lp2(s, 4, p[OWN + 1], p[DT], y)
@@ -102,9 +92,6 @@ def dob(p, s, u, y, o):
 def levant(p, s, u, y, o):
     """Robust exact differentiator; own: L, filter times of friction and velocity."""
     dt, L = p[DT], p[OWN]
-    if s[9] == 0.0:
-        s[9] = 1.0
-        s[0] = y
     n = 4
     h = dt / n
     for _ in range(n):
@@ -293,6 +280,9 @@ def imm(p, s, u, y, o):
 def run(kind, p, u, y, out):
     """A whole record by the estimator of a kind: rows position, velocity, friction, mode."""
     s = np.zeros(MEMORY)
+    s[0] = y[0]
+    if kind == 2:
+        s[4] = y[0]
     o = np.zeros(4)
     for k in range(u.shape[0]):
         before = u[k - 1] if k else 0.0

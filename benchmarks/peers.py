@@ -13,7 +13,6 @@ pysindy and mujoco.sysid run where they are installed:  pip install pysindy "muj
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import logging
@@ -25,8 +24,9 @@ from dataclasses import dataclass
 
 import control as ct
 import numpy as np
+from harness import parser_of
 from numba import njit
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import savgol_filter
 
 import dryfric_control as dfc
@@ -125,16 +125,28 @@ def motion(record: dfc.Record, size: int = 31) -> tuple[np.ndarray, ...]:
     return tuple(savgol_filter(record.x, size, 3, d, DT) for d in (0, 1, 2))
 
 
-def scipy_regression(record: dfc.Record) -> Found:
-    """Linear least squares of the drive, where the axis moves."""
+def moving_samples(record: dfc.Record) -> tuple[np.ndarray, ...]:
+    """Velocity, acceleration and smoothed drive where the axis moves."""
     _, v, a = motion(record)
     u = np.convolve(record.u, np.ones(31) / 31.0, "same")
     moving = np.abs(v) > 0.05 * np.abs(v).max()
-    rows = np.column_stack([a, v, np.sign(v)])[moving]
-    values, rest, _, _ = np.linalg.lstsq(rows, u[moving], rcond=None)
+    return v[moving], a[moving], u[moving]
+
+
+def scipy_regression(record: dfc.Record) -> Found:
+    """Linear least squares of the drive, where the axis moves."""
+    v, a, u = moving_samples(record)
+    rows = np.column_stack([a, v, np.sign(v)])
+    values, rest, _, _ = np.linalg.lstsq(rows, u, rcond=None)
     variance = float(rest[0]) / (rows.shape[0] - 3)
     errors = np.sqrt(variance * np.diag(np.linalg.inv(rows.T @ rows)))
     return Found(values, errors)
+
+
+def fitted_scale(found: OptimizeResult) -> Found:
+    """Values and standard errors of a least-squares fit of factors on START."""
+    covariance = np.linalg.inv(found.jac.T @ found.jac) * 2.0 * found.cost / found.fun.size
+    return Found(found.x * START, np.sqrt(np.diag(covariance)) * START)
 
 
 def scipy_output_error(record: dfc.Record) -> Found:
@@ -151,8 +163,7 @@ def scipy_output_error(record: dfc.Record) -> Found:
         return np.concatenate(runs)
 
     found = least_squares(errors, np.ones(3), x_scale=0.1, diff_step=1e-3)
-    covariance = np.linalg.inv(found.jac.T @ found.jac) * 2.0 * found.cost / found.fun.size
-    return Found(found.x * START, np.sqrt(np.diag(covariance)) * START)
+    return fitted_scale(found)
 
 
 # --- python-control alone -------------------------------------------------------------
@@ -181,8 +192,7 @@ def control_alone(record: dfc.Record) -> Found:
         return np.asarray(run.outputs[0] - record.x[:n])
 
     found = least_squares(errors, np.ones(3), x_scale=0.1, diff_step=1e-3, max_nfev=12)
-    covariance = np.linalg.inv(found.jac.T @ found.jac) * 2.0 * found.cost / found.fun.size
-    return Found(found.x * START, np.sqrt(np.diag(covariance)) * START)
+    return fitted_scale(found)
 
 
 # --- pysindy --------------------------------------------------------------------------
@@ -192,9 +202,7 @@ def sindy(record: dfc.Record) -> Found:
     """Sparse regression of the acceleration on v, sign v and u."""
     import pysindy as ps
 
-    _, v, a = motion(record)
-    u = np.convolve(record.u, np.ones(31) / 31.0, "same")
-    moving = np.abs(v) > 0.05 * np.abs(v).max()
+    v, a, u = moving_samples(record)
     powers = [lambda one: one, lambda one: one**2, lambda one: one**3]
     terms = ps.CustomLibrary(
         library_functions=[*powers, lambda one: np.sign(one)],
@@ -206,10 +214,7 @@ def sindy(record: dfc.Record) -> Found:
         ],
     )
     model = ps.SINDy(optimizer=ps.STLSQ(threshold=0.2), feature_library=terms)
-    model.fit(
-        v[moving][:, None], t=DT, x_dot=a[moving][:, None], u=u[moving][:, None],
-        feature_names=["v", "u"],
-    )  # fmt: skip
+    model.fit(v[:, None], t=DT, x_dot=a[:, None], u=u[:, None], feature_names=["v", "u"])
     names, row = model.get_feature_names(), model.coefficients()[0]
     found = dict(zip(names, row, strict=True))
     more = [n for n, c in found.items() if c != 0.0 and n not in ("v", "u", "sign(v)")]
@@ -238,6 +243,7 @@ def mujoco_sysid(record: dfc.Record) -> Found:
     """Its toolbox with its defaults, on free runs of 0.25 s of a slide joint."""
     import mujoco
     from mujoco import sysid
+    from mujoco.sysid import ParameterDict
 
     spec = mujoco.MjSpec.from_string(SLIDE)
     model = spec.compile()
@@ -262,7 +268,7 @@ def mujoco_sysid(record: dfc.Record) -> Found:
         "damping": damping,
         "frictionloss": lambda s, p: setattr(s.joint("x"), "frictionloss", p.value[0]),
     }
-    params = sysid.ParameterDict()
+    params = ParameterDict()
     for (name, change), start in zip(modifiers.items(), START, strict=True):
         params.add(
             sysid.Parameter(
@@ -302,7 +308,7 @@ def processor_time() -> float:
     return sum(os.times()[:4])
 
 
-def row(name: str, work: Callable[[dfc.Record], Found], case: str, repeats: int) -> list[str]:
+def row(work: Callable[[dfc.Record], Found], case: str, repeats: int) -> list[str]:
     """Cells of one peer on one case."""
     train, test = record_of(case).split(PART)
     spent = []
@@ -311,14 +317,12 @@ def row(name: str, work: Callable[[dfc.Record], Found], case: str, repeats: int)
         with contextlib.redirect_stdout(io.StringIO()):
             found = work(train)
         spent.append(processor_time() - begin)
-    off = 100.0 * (found.values / TRUE - 1.0)
     deviations = ["-"] * 3
     if found.errors is not None:
         deviations = [f"{abs(d):.1f}" for d in (found.values - TRUE) / found.errors]
     axis = found.axis or dfc.FrictionAxis(*np.maximum(found.values, 1e-9))
     return [
-        name,
-        *(f"{one:+.2f}" for one in off),
+        *(f"{one:+.2f}" for one in 100.0 * (found.values / TRUE - 1.0)),
         " / ".join(deviations),
         f"{1e6 * dfc.replay(axis, test).median:.0f}",
         f"{min(spent):.2f}",
@@ -327,29 +331,28 @@ def row(name: str, work: Callable[[dfc.Record], Found], case: str, repeats: int)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", nargs="+", default=list(CASES), choices=CASES)
-    parser.add_argument("--only", nargs="+", default=[""], help="parts of the names of peers")
-    chosen = parser.parse_args()
+    """Print a table of each case."""
+    chosen = parser_of(__doc__, {"--cases": (tuple(CASES), "records")})
+    chosen.add_argument("--only", nargs="+", default=[""], help="parts of the names of peers")
+    given = chosen.parse_args()
     warnings.simplefilter("ignore")
     logging.disable(logging.WARNING)
     head = ["", "mass %", "viscous %", "Coulomb %", "in its standard errors", "free runs um",
             "s", "cause named"]  # fmt: skip
-    # What is compiled, or cached, in a first call is not what a call costs.
-    repeats = dict.fromkeys([name for name in PEERS if "ours" in name or "scipy, " in name], 2)
-    for case in chosen.cases:
+    for case in given.cases:
         noise, quantum, cogging = CASES[case]
-        print(f"\n{case}: drive noise {noise:g} N, encoder {1e6 * quantum:g} um", end="")
-        print(f", cogging {cogging:g} N" if cogging else "")
+        print(f"\n{case}: drive noise {noise:g} N, encoder {1e6 * quantum:g} um, "
+              f"cogging {cogging:g} N")  # fmt: skip
         print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")
         for name, work in PEERS.items():
-            if any(one in name for one in chosen.only):
+            if any(one in name for one in given.only):
+                # What is compiled, or cached, in a first call is not what a call costs.
+                repeats = 2 if "ours" in name or "scipy, " in name else 1
                 try:
-                    cells = row(name, work, case, repeats.get(name, 1))
+                    cells = row(work, case, repeats)
                 except ImportError as missing:
-                    print(f"| {name} | not installed: {missing.name} |")
-                    continue
-                print(f"| {' | '.join(cells)} |", flush=True)
+                    cells = [f"not installed: {missing.name}"]
+                print(f"| {' | '.join([name, *cells])} |", flush=True)
 
 
 if __name__ == "__main__":

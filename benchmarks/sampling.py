@@ -10,12 +10,14 @@ random steps.  Name tables to print only those: singles pairs triples peak.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import time
+from argparse import Namespace
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
+from harness import print_tables
 
 import dryfric_control as dfc
 from dryfric_control import effects as fx
@@ -30,6 +32,8 @@ SAMPLES, COURSE = 120, 20
 ALLOWED = 1e-6
 #: Divisor of the bound of the error by the Stribeck peak, `_PEAK_ERROR` of the kernel.
 PEAK_ERROR = 230.0
+#: Random steps by which that is tried.
+PEAK_STEPS = 1_200_000
 #: Velocity, in Stribeck speeds, below which an error is round-off.
 ROUND_OFF = 1e-13
 HOLDS = ("zero", "first")
@@ -154,8 +158,8 @@ def combinations(count: int) -> Iterator[tuple[str, ...]]:
     return filter(can_join, itertools.combinations(sorted(REGISTRY), count))
 
 
-def table(name: str, sets: list[tuple[str, ...]], seeds: range, shown: int) -> int:
-    """Print how many cases differ by more than allowed, and the largest; their number."""
+def table(name: str, sets: list[tuple[str, ...]], seeds: range, shown: int) -> None:
+    """Print how many cases differ by more than allowed, and the largest."""
     begin, found = time.process_time(), []
     for slugs in sets:
         for seed in seeds:
@@ -174,16 +178,15 @@ def table(name: str, sets: list[tuple[str, ...]], seeds: range, shown: int) -> i
     )
     for off, slugs, seed, hold in beyond[:shown]:
         print(f"  {off:8.1e} {' '.join(slugs)} ({hold}, seed {seed})", flush=True)
-    return len(beyond)
 
 
-def peak(count: int) -> None:
+def peak(given: Namespace) -> None:
     """Print how the error of a step by the Stribeck peak compares with its bound.
 
     In Stribeck speeds and steps: dq/dt = b - z exp(-q^2), one step of the classical Runge-Kutta
     method of fourth order against 64.
     """
-    begin, rng = time.process_time(), np.random.default_rng(0)
+    begin, rng, count = time.process_time(), np.random.default_rng(0), PEAK_STEPS
     q0 = rng.uniform(0.0, 4.0, count)
     z = np.exp(rng.uniform(np.log(1e-3), np.log(3.0), count))
     b = z * np.exp(-(q0**2)) + rng.uniform(-1.0, 1.0, count)
@@ -217,27 +220,28 @@ def peak(count: int) -> None:
     )
 
 
-def main() -> None:
-    """Print every table, or those asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("tables", nargs="*", metavar="TABLE", help="singles pairs triples peak")
-    parser.add_argument("--seeds", type=int, default=4, help="cases of each combination")
-    parser.add_argument("--triples", type=int, default=2000, help="number of triples, at random")
-    parser.add_argument("--shown", type=int, default=30, help="cases listed")
-    chosen = parser.parse_args()
-    seeds = range(chosen.seeds)
-    wanted = chosen.tables or ["singles", "pairs", "triples", "peak"]
-    if "singles" in wanted:
-        table("singles", list(combinations(1)), seeds, chosen.shown)
-    if "pairs" in wanted:
-        table("pairs", list(combinations(2)), seeds, chosen.shown)
-    if "triples" in wanted:
-        every = list(combinations(3))
-        drawn = np.random.default_rng(0).permutation(len(every))[: chosen.triples]
-        table("triples", [every[i] for i in drawn], range(2), chosen.shown)
-    if "peak" in wanted:
-        peak(1_200_000)
+def combination_table(count: int, most: int, given: Namespace) -> None:
+    """Print the table of all combinations of so many effects, or of some at random."""
+    sets = list(combinations(count))
+    if count == 3:
+        order = np.random.default_rng(0).permutation(len(sets))[: given.triples]
+        sets = [sets[i] for i in order]
+    name = ("singles", "pairs", "triples")[count - 1]
+    table(name, sets, range(min(most, given.seeds)), given.shown)
 
 
 if __name__ == "__main__":
-    main()
+    print_tables(
+        __doc__,
+        {
+            "singles": partial(combination_table, 1, 1000),
+            "pairs": partial(combination_table, 2, 1000),
+            "triples": partial(combination_table, 3, 2),
+            "peak": peak,
+        },
+        {
+            "--seeds": (4, "cases of each combination, of triples at most two"),
+            "--triples": (2000, "number of triples, at random"),
+            "--shown": (30, "cases listed"),
+        },
+    )

@@ -1,148 +1,108 @@
-"""How fast and how exact the simulation is, against everything it could be done with.
+"""How fast and how exact the simulation is, beside what else could do it (2 min).
 
-Run ``python benchmarks/simulation.py``; one run prints every table. Times are processor
-times, the best and the median of several repetitions taken in turns, compiled code warmed
-up; nothing here uses more than one thread. Errors are against a tight solution of the same law,
-stated with each table. Name tables to print only those: samples effects structures
-stickslip servo memory compile.
+    python benchmarks/simulation.py samples     time of a sample of some axes, 3 s
+    python benchmarks/simulation.py effects     what one effect adds to it, 3 s
+    python benchmarks/simulation.py structures  contact and transmission, by what they do, 3 s
+    python benchmarks/simulation.py stickslip   time and error of switches by law and method, 1 min;
+                                                --plot FILE; with nosnoc 2 min more
+    python benchmarks/simulation.py servo       the same of a sampled position loop, 10 s
+    python benchmarks/simulation.py memory      peak of ten million samples, 7 s
+    python benchmarks/simulation.py compile     import and first calls, compiling and from the
+                                                cache, 45 s
+
+Times are processor times, the best and the median of several repetitions taken in turns, compiled
+code warmed up; nothing here uses more than one thread.  Errors are against a tight solution of the
+same law, stated with each table.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
-import subprocess
-import sys
 import tempfile
 import time
+from argparse import Namespace
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import control as ct
 import numpy as np
 import pictures
-import servo_peers
 import simulation_peers as peers
+from harness import Table, fresh_process, print_tables, race
 
 import dryfric_control as dfc
+from dryfric_control import effects as fx
 
 DT = 1e-3
-ROOT = Path(__file__).resolve().parent.parent
+PLAIN = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=1.0)
 
 
-Work = Callable[[], object]
-
-
-def race(works: list[Work], repeat: int) -> list[tuple[float, float, object]]:
-    """Best and median processor time [s] and result of each work, timed in turns.
-
-    Processor time and turns, because a busy machine would otherwise stretch long work
-    more than short, and one minute more than the next. The first call of each only warms
-    up, but for work of more than 20 s, which has no other; work of more than 0.2 s is timed once.
-    """
-    results = []
-    times: list[list[float]] = [[] for _ in works]
-    for work, mine in zip(works, times, strict=True):
-        begin = time.process_time()
-        results.append(work())
-        if time.process_time() - begin > 20.0:
-            mine.append(time.process_time() - begin)
-    for _ in range(repeat):
-        for work, mine in zip(works, times, strict=True):
-            if not mine or mine[0] < 0.2:
-                begin = time.process_time()
-                work()
-                mine.append(time.process_time() - begin)
-    return [
-        (min(mine), float(np.median(mine)), result)
-        for mine, result in zip(times, results, strict=True)
-    ]
-
-
-def heading(text: str) -> None:
-    print(f"\n{text}\n{'-' * len(text)}")
-
-
-# --- 1 and 6: cost of a sample and of an effect ---------------------------------------
-
-
-def samples_table(repeat: int) -> None:
+def samples_table(given: Namespace) -> None:
     """Time of one 1 ms sample for a handful of axes."""
-    heading("One 1 ms sample of FrictionAxis.simulate, 100,000 samples")
     t = np.arange(100_000) * DT
     sine = 3.0 * np.sin(2 * np.pi * 0.5 * t)
-    plain = {"mass": 1.0, "viscous": 0.4, "coulomb": 1.0}
-    shaped = {
-        "mass": 1.0,
-        "viscous": 0.4,
-        "coulomb": dfc.CoulombMap(plus=[1.0, 0.05, 0.02, -0.01], minus=[1.1, -0.04, 0.01, 0.01]),
-        "travel": (-1.0, 1.0),
-        "stribeck": dfc.Stribeck(excess=0.3, speed=0.01),
+    shaped = PLAIN.replace(
+        coulomb=dfc.CoulombMap(plus=[1.0, 0.05, 0.02, -0.01], minus=[1.1, -0.04, 0.01, 0.01]),
+        travel=(-1.0, 1.0),
+        stribeck=dfc.Stribeck(excess=0.3, speed=0.01),
+    )
+    three = (fx.Spring(stiffness=2.0), fx.Cogging(amplitude=0.1, period=0.01), fx.BiasForce(0.1))
+    rows = {
+        "constant Coulomb level": partial(PLAIN.simulate, sine, DT),
+        "cubic maps, Stribeck peak": partial(shaped.simulate, sine, DT),
+        "the same, 3 effects": partial(shaped.replace(effects=three).simulate, sine, DT),
+        "at rest": partial(PLAIN.simulate, 0.2 * sine, DT),
+        "stick-slip on a spring": partial(
+            pulled_axis(peers.StickSlip()).simulate, 0.2 * t, DT, hold="first"
+        ),
     }
-    three = (
-        dfc.effects.Spring(stiffness=2.0),
-        dfc.effects.Cogging(amplitude=0.1, period=0.01),
-        dfc.effects.BiasForce(force=0.1),
+    table = Table(
+        {"axis": "30s", "ns min": "9.1f", "median": "9.1f", "switches": "10d", "sliding": "9.0%"},
+        "One 1 ms sample of FrictionAxis.simulate, 100,000 samples",
     )
-    problem = peers.StickSlip()
-    rows = [
-        ("constant Coulomb level", dfc.FrictionAxis(**plain), sine, "zero"),
-        ("cubic maps, Stribeck peak", dfc.FrictionAxis(**shaped), sine, "zero"),
-        ("the same, 3 effects", dfc.FrictionAxis(**shaped, effects=three), sine, "zero"),
-        ("at rest", dfc.FrictionAxis(**plain), 0.2 * sine, "zero"),
-        ("stick-slip on a spring", pulled_axis(problem), 0.2 * t, "first"),
-    ]
-    print(f"{'axis':30s} {'ns min':>8s} {'median':>8s} {'switches':>9s} {'sliding':>8s}")
-    found = race(
-        [lambda a=axis, u=u, h=hold: a.simulate(u, DT, hold=h) for _, axis, u, hold in rows],
-        repeat,
-    )
-    for (name, *_), (best, median, run) in zip(rows, found, strict=True):
-        sliding = np.mean(run.mode != 0)
-        print(
-            f"{name:30s} {best / t.size * 1e9:8.1f} {median / t.size * 1e9:8.1f} "
-            f"{len(run.events):9d} {sliding:8.0%}"
-        )
+    found = race(list(rows.values()), given.repeat)
+    for name, (best, median, run) in zip(rows, found, strict=True):
+        ns = 1e9 / t.size
+        table.row(name, ns * best, ns * median, len(run.events), np.mean(run.mode != 0))
 
 
-def effects_table(repeat: int) -> None:
+def effects_table(given: Namespace) -> None:
     """Time that one effect adds to a sample while sliding."""
-    heading("Cost of one effect, ns a sample, sliding all the time (100,000 samples)")
-    base = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=1.0)
     u = np.full(100_000, 1.5)
     effects = [
-        dfc.effects.BiasForce(force=0.01),
-        dfc.effects.ViscousAsymmetry(viscous=0.01),
-        dfc.effects.CoulombAsymmetry(force=0.01),
-        dfc.effects.QuadraticDrag(drag=0.01),
-        dfc.effects.Spring(stiffness=1e-3),
-        dfc.effects.Gravity(amplitude=0.01),
-        dfc.effects.Cogging(amplitude=0.01, period=1.0),
-        dfc.effects.InputDelay(delay=2.3e-3),
-        dfc.effects.InputGain(gain=0.99),
-        dfc.effects.DeadZone(width=0.01),
+        fx.BiasForce(force=0.01),
+        fx.ViscousAsymmetry(viscous=0.01),
+        fx.CoulombAsymmetry(force=0.01),
+        fx.QuadraticDrag(drag=0.01),
+        fx.Spring(stiffness=1e-3),
+        fx.Gravity(amplitude=0.01),
+        fx.Cogging(amplitude=0.01, period=1.0),
+        fx.InputDelay(delay=2.3e-3),
+        fx.InputGain(gain=0.99),
+        fx.DeadZone(width=0.01),
     ]
-    axes = [base, *(base.replace(effects=(effect,)) for effect in effects)]
-    found = race([lambda a=axis: a.simulate(u, DT, v0=0.1) for axis in axes], 3 * repeat)
+    axes = [PLAIN, *(PLAIN.replace(effects=(effect,)) for effect in effects)]
+    found = race([partial(axis.simulate, u, DT, v0=0.1) for axis in axes], 3 * given.repeat)
     alone = found[0][0]
-    print(f"without effects {alone / u.size * 1e9:.1f}")
+    table = Table(
+        {"effect": "20s", "ns": "+8.1f"},
+        f"Cost of one effect, sliding all the time; without effects {1e9 * alone / u.size:.1f} ns",
+    )
     for effect, (best, _, run) in zip(effects, found[1:], strict=True):
         assert np.all(run.mode == 1)
-        print(f"{effect.slug:20s} {(best - alone) / u.size * 1e9:+7.1f}")
+        table.row(effect.slug, 1e9 * (best - alone) / u.size)
 
 
-def structures_table(repeat: int) -> None:
+def structures_table(given: Namespace) -> None:
     """Time of a sample with a contact or a transmission, by what the axis does."""
-    heading("Presliding, backlash, compliance: ns a 1 ms sample (100,000 samples)")
     n = 100_000
     t = np.arange(n) * DT
     base = dfc.FrictionAxis(mass=2.0, viscous=6.0, coulomb=8.0)
     structures = {
         "rigid": (),
-        "presliding": (dfc.effects.Presliding(distance=40e-6),),
-        "backlash": (dfc.effects.Backlash(gap=2e-4, load_fraction=0.4),),
-        "compliance": (dfc.effects.Compliance(stiffness=3e4, damping=12.0, load_fraction=0.4),),
+        "presliding": (fx.Presliding(distance=40e-6),),
+        "backlash": (fx.Backlash(gap=2e-4, load_fraction=0.4),),
+        "compliance": (fx.Compliance(stiffness=3e4, damping=12.0, load_fraction=0.4),),
     }
     duties = {
         "sliding": np.full(n, 12.0),
@@ -150,33 +110,36 @@ def structures_table(repeat: int) -> None:
         "to and fro": 20.0 * np.sin(2 * np.pi * t),
     }
     axes = [base.replace(effects=effects) for effects in structures.values()]
-    works: list[Work] = [
-        lambda axis=axis, u=u: axis.simulate(u, DT) for axis in axes for u in duties.values()
-    ]
+    works = [partial(axis.simulate, u, DT) for axis in axes for u in duties.values()]
     # A play as wide as the way: the motor rocks between its ends and never arrives.
-    wide = base.replace(effects=(dfc.effects.Backlash(gap=10.0, load_fraction=0.4),))
-    works.append(lambda: wide.simulate(np.where(t % 0.4 < 0.2, 1.0, -1.0), DT))
-    found = [best / n * 1e9 for best, _, _ in race(works, repeat)]
-    print(f"{'':12s}" + "".join(f"{duty:>12s}" for duty in duties))
+    wide = base.replace(effects=(fx.Backlash(gap=10.0, load_fraction=0.4),))
+    works.append(partial(wide.simulate, np.where(t % 0.4 < 0.2, 1.0, -1.0), DT))
+    found = [best / n * 1e9 for best, _, _ in race(works, given.repeat)]
+    table = Table({"ns a 1 ms sample": "17s"} | dict.fromkeys(duties, "12.1f"))
     for i, name in enumerate(structures):
-        print(f"{name:12s}" + "".join(f"{ns:12.1f}" for ns in found[3 * i : 3 * i + 3]))
+        table.row(name, *found[3 * i : 3 * i + 3])
     print(f"in the play, without contact: {found[-1]:.1f}")
 
 
-# --- 2: the free stick-slip run -------------------------------------------------------
+# --- the free stick-slip run ----------------------------------------------------------
 
 
-def pulled_axis(problem: peers.StickSlip) -> dfc.FrictionAxis:
-    """The axis of the stick-slip problem."""
+def axis_of(problem: peers.StickSlip | peers.Servo, **more) -> dfc.FrictionAxis:  # type: ignore[no-untyped-def]
+    """The axis of a problem."""
     return dfc.FrictionAxis(
         mass=problem.mass,
-        viscous=0.0,
+        viscous=problem.viscous,
         coulomb=problem.coulomb,
         stribeck=dfc.Stribeck(excess=problem.excess, speed=problem.stribeck_speed),
         stick_speed=problem.stick_speed,
         stick_rate=problem.stick_rate,
-        effects=(dfc.effects.Spring(stiffness=problem.stiffness),),
+        **more,
     )
+
+
+def pulled_axis(problem: peers.StickSlip) -> dfc.FrictionAxis:
+    """The axis of the stick-slip problem, on its spring."""
+    return axis_of(problem, effects=(fx.Spring(stiffness=problem.stiffness),))
 
 
 def pulled(problem: peers.StickSlip, dt: float, law: dfc.laws.Law | None = None) -> peers.Breaks:
@@ -194,148 +157,123 @@ def worst(found: np.ndarray, exact: np.ndarray) -> float:
     return float(np.abs(found - exact).max()) if found.size == exact.size else np.inf
 
 
-def stick_slip_table(repeat: int, plot: Path | None = None) -> None:
+#: Laws of the stick-slip run: what each is called in a legend.
+LAWS = {
+    "switched": "switched model",
+    "lugre": "LuGre",
+    "tanh": "tanh",
+    "linear": "regularised (Modelica style)",
+    "slips": "against the switched model",
+}
+Case = tuple[str, str, Callable[[], peers.Breaks]]
+
+
+def switched_cases(p: peers.StickSlip) -> list[Case]:
+    """Name, law and run of the ways to solve the switched model."""
+    runs = {f"ours, {1e3 * dt:g} ms samples": partial(pulled, p, dt) for dt in (1e-3, 1e-2, 0.1)}
+    for rtol in (1e-6, 1e-8, 1e-10):
+        name = f"events, DOP853 compiled {rtol:.0e}"
+        runs[name] = partial(peers.events_dop853, p, rtol)
+    for method, rtol in (("RK45", 1e-6), ("RK45", 1e-10), ("DOP853", 1e-8), ("LSODA", 1e-10)):
+        name = f"events, solve_ivp {method} {rtol:.0e}"
+        runs[name] = partial(peers.events_solve_ivp, p, method, rtol)
+    for name, step in (("1 ms", 1e-3), ("10 µs", 1e-5)):
+        runs[f"compiled Euler, {name}"] = partial(peers.euler_loop, p, step)
+    return [(name, "switched", run) for name, run in runs.items()]
+
+
+def smooth_cases(p: peers.StickSlip) -> list[Case]:
+    """The same of LuGre and tanh."""
+    rates = {"lugre": peers.lugre_rates(p), "tanh": peers.tanh_rates(p)}
+    our = {
+        "lugre": dfc.laws.LuGre(stiffness=1e5, damping=300.0),
+        "tanh": dfc.laws.Tanh(speed=1e-5),
+    }
+    cases: list[Case] = []
+    for law, title in (("lugre", "LuGre"), ("tanh", "tanh")):
+        own = rates[law]
+        runs = {f"ours, {title} 1e-8, 1 ms": partial(pulled, p, DT, our[law])}
+        for method, rtol in (("LSODA", 1e-6), ("LSODA", 1e-8), ("LSODA", 1e-10), ("Radau", 1e-6)):
+            name = f"{title}, {method} {rtol:.0e}"
+            runs[name] = partial(peers.smooth_solve_ivp, p, own, method, rtol)
+        runs[f"{title}, odeint 1e-8"] = partial(peers.smooth_odeint, p, own, 1e-8)
+        if law == "lugre":
+            for name, method, rtol in (("LSODA 1e-6", "LSODA", 1e-6), ("defaults", "RK45", 1e-3)):
+                name = f"{title}, python-control {name}"
+                runs[name] = partial(peers.control_response, p, own, method, rtol)
+        cases += [(name, law, run) for name, run in runs.items()]
+    return cases
+
+
+def installed_cases(p: peers.StickSlip, folder: Path) -> list[Case]:
+    """Those of software that may not be installed."""
+    cases: list[Case] = []
+    if peers.fmpy and peers.gcc:
+        fmu = peers.regularised_fmu(p, folder)
+        cases += [
+            (f"linear, FMU by CVode {rtol:.0e}", "linear", partial(peers.fmu_cvode, p, fmu, rtol))
+            for rtol in (1e-6, 1e-8, 1e-10)
+        ]
+    else:
+        print("fmpy or gcc is not installed: the rows of the FMU are left out")
+    if peers.nosnoc:
+        cases.append(("nosnoc, FESD, 20 ms", "slips", partial(peers.fesd, p)))
+    else:
+        print("nosnoc is not installed: its row is left out")
+    if peers.mujoco:
+        default = "0.9 0.95 0.001 0.5 2"
+        runs = {
+            "its defaults, 1 ms": partial(peers.mujoco_slide, p, 1e-3, solimp=default),
+            "stiff solimp, 1 ms": partial(peers.mujoco_slide, p, 1e-3),
+            "stiff solimp, 0.1 ms": partial(peers.mujoco_slide, p, 1e-4),
+        }
+        cases += [(f"MuJoCo, {name}", "slips", run) for name, run in runs.items()]
+    else:
+        print("MuJoCo is not installed: its rows are left out")
+    return cases
+
+
+def stick_slip_table(given: Namespace) -> None:
     """40 s of stick-slip: time against accuracy of the transitions."""
     p = peers.StickSlip()
-    heading("40 s of stick-slip, five breakaways")
     print(
+        "\n40 s of stick-slip, five breakaways\n"
         "error: largest error of the five transition times against the same law's own tight\n"
         "solution (switched: instants of breakaway, DOP853 1e-13; LuGre, tanh, linear: velocity\n"
         "rising through 10 mm/s, Radau 1e-11; nosnoc, MuJoCo: the same, of the switched model).\n"
         "limit: the same against the switched model. inf: not five."
     )
-    lugre, tanh, linear = peers.lugre_rates(p), peers.tanh_rates(p), peers.linear_rates(p)
     exact = peers.events_dop853(p, 1e-13)
-    truth = {
-        "switched": exact.modes,
-        "lugre": peers.smooth_solve_ivp(p, lugre, 3, "Radau", 1e-11).slips,
-        "tanh": peers.smooth_solve_ivp(p, tanh, 2, "Radau", 1e-11).slips,
-        "linear": peers.smooth_solve_ivp(p, linear, 2, "Radau", 1e-11).slips,
-        "slips": exact.slips,
-    }
-    our_lugre = dfc.laws.LuGre(stiffness=1e5, damping=300.0)
-    our_tanh = dfc.laws.Tanh(speed=1e-5)
-    cases: list[tuple[str, str, Callable[[], peers.Breaks]]] = [
-        ("ours, 1 ms samples", "switched", lambda: pulled(p, DT)),
-        ("ours, 10 ms samples", "switched", lambda: pulled(p, 0.01)),
-        ("ours, 100 ms samples", "switched", lambda: pulled(p, 0.1)),
-        ("events, DOP853 compiled 1e-6", "switched", lambda: peers.events_dop853(p, 1e-6)),
-        ("events, DOP853 compiled 1e-8", "switched", lambda: peers.events_dop853(p, 1e-8)),
-        ("events, DOP853 compiled 1e-10", "switched", lambda: peers.events_dop853(p, 1e-10)),
-        (
-            "events, solve_ivp RK45 1e-6",
-            "switched",
-            lambda: peers.events_solve_ivp(p, "RK45", 1e-6),
-        ),
-        (
-            "events, solve_ivp RK45 1e-10",
-            "switched",
-            lambda: peers.events_solve_ivp(p, "RK45", 1e-10),
-        ),
-        (
-            "events, solve_ivp DOP853 1e-8",
-            "switched",
-            lambda: peers.events_solve_ivp(p, "DOP853", 1e-8),
-        ),
-        (
-            "events, solve_ivp LSODA 1e-10",
-            "switched",
-            lambda: peers.events_solve_ivp(p, "LSODA", 1e-10),
-        ),
-        ("compiled Euler, 1 ms", "switched", lambda: peers.euler_loop(p, 1e-3)),
-        ("compiled Euler, 10 µs", "switched", lambda: peers.euler_loop(p, 1e-5)),
-        ("ours, LuGre 1e-8, 1 ms", "lugre", lambda: pulled(p, DT, our_lugre)),
-        ("LuGre, LSODA 1e-6", "lugre", lambda: peers.smooth_solve_ivp(p, lugre, 3, "LSODA", 1e-6)),
-        ("LuGre, LSODA 1e-8", "lugre", lambda: peers.smooth_solve_ivp(p, lugre, 3, "LSODA", 1e-8)),
-        (
-            "LuGre, LSODA 1e-10",
-            "lugre",
-            lambda: peers.smooth_solve_ivp(p, lugre, 3, "LSODA", 1e-10),
-        ),
-        ("LuGre, Radau 1e-6", "lugre", lambda: peers.smooth_solve_ivp(p, lugre, 3, "Radau", 1e-6)),
-        ("LuGre, odeint 1e-8", "lugre", lambda: peers.smooth_odeint(p, lugre, 3, 1e-8)),
-        (
-            "LuGre, python-control LSODA 1e-6",
-            "lugre",
-            lambda: peers.control_response(p, lugre, 3, "LSODA", 1e-6),
-        ),
-        (
-            "LuGre, python-control defaults",
-            "lugre",
-            lambda: peers.control_response(p, lugre, 3, "RK45", 1e-3),
-        ),
-        ("ours, tanh 1e-8, 1 ms", "tanh", lambda: pulled(p, DT, our_tanh)),
-        ("tanh, LSODA 1e-6", "tanh", lambda: peers.smooth_solve_ivp(p, tanh, 2, "LSODA", 1e-6)),
-        ("tanh, LSODA 1e-8", "tanh", lambda: peers.smooth_solve_ivp(p, tanh, 2, "LSODA", 1e-8)),
-        ("tanh, Radau 1e-6", "tanh", lambda: peers.smooth_solve_ivp(p, tanh, 2, "Radau", 1e-6)),
-        ("tanh, odeint 1e-8", "tanh", lambda: peers.smooth_odeint(p, tanh, 2, 1e-8)),
-    ]
-    folder = tempfile.TemporaryDirectory()
-    if peers.fmu_available():
-        fmu = peers.regularised_fmu(p, Path(folder.name))
-        cases += [
-            (
-                f"linear, FMU by CVode {rtol}",
-                "linear",
-                lambda r=rtol: peers.fmu_cvode(p, fmu, float(r)),
-            )
-            for rtol in ("1e-6", "1e-8", "1e-10")
-        ]
-    else:
-        print("fmpy or gcc is not installed: the rows of the FMU are left out")
-    if peers.nosnoc is None:
-        print("nosnoc is not installed: its row is left out")
-    else:
-        cases.append(("nosnoc, FESD, 20 ms", "slips", lambda: peers.fesd(p)))
-    if peers.mujoco is None:
-        print("MuJoCo is not installed: its rows are left out")
-    else:
-        default = "0.9 0.95 0.001 0.5 2"
-        cases += [
-            (
-                "MuJoCo, its defaults, 1 ms",
-                "slips",
-                lambda: peers.mujoco_slide(p, 1e-3, "0.02 1", default),
-            ),
-            ("MuJoCo, stiff solimp, 1 ms", "slips", lambda: peers.mujoco_slide(p, 1e-3, "0.02 1")),
-            (
-                "MuJoCo, stiff solimp, 0.1 ms",
-                "slips",
-                lambda: peers.mujoco_slide(p, 1e-4, "0.02 1"),
-            ),
-        ]
-    print(f"{'':34s} {'ms min':>9s} {'median':>9s} {'error s':>9s} {'limit s':>9s} {'x ours':>8s}")
+    truth = {"switched": exact.modes, "slips": exact.slips}
+    for law in ("lugre", "tanh", "linear"):
+        rates = getattr(peers, f"{law}_rates")(p)
+        truth[law] = peers.smooth_solve_ivp(p, rates, "Radau", 1e-11).slips
+    with tempfile.TemporaryDirectory() as folder:
+        cases = switched_cases(p) + smooth_cases(p) + installed_cases(p, Path(folder))
+        raced = race([work for _, _, work in cases], given.repeat)
+    ours = raced[0][0]
+    table = Table(
+        {"": "34s", "ms min": "10.2f", "median": "10.2f", "error s": "10.1e", "limit s": "10.1e",
+         "x ours": "9.2f"}
+    )  # fmt: skip
     done = []
-    raced = race([work for _, _, work in cases], repeat)
     for (name, law, _), (best, median, found) in zip(cases, raced, strict=True):
-        own = found.modes if law == "switched" else found.slips
-        error = worst(own, truth[law])
+        error = worst(found.modes if law == "switched" else found.slips, truth[law])
         limit = error if law == "switched" else worst(found.slips, truth["slips"])
         done.append((name, law, best, error))
-        print(
-            f"{name:34s} {best * 1e3:9.2f} {median * 1e3:9.2f} {error:9.1e} {limit:9.1e} "
-            f"{best / done[0][2]:8.2f}"
-        )
-    _, _, ours, error = done[0]
-    exact_peers = [
-        row for row in done if row[1] == "switched" and row[3] <= error and "ours" not in row[0]
-    ]
-    if exact_peers:
-        name, _, best, _ = min(exact_peers, key=lambda row: row[2])
-        print(
-            f"fastest peer at least as exact as ours at 1 ms: {name}, {best / ours:.1f} x our time"
-        )
-    if plot:
-        laws = {
-            "switched": "switched model",
-            "lugre": "LuGre",
-            "tanh": "tanh",
-            "linear": "regularised (Modelica style)",
-            "slips": "against the switched model",
-        }
-        pictures.work_precision(done, laws, plot)
-    folder.cleanup()
+        table.row(name, 1e3 * best, 1e3 * median, error, limit, best / ours)
+    rivals = [row for row in done if row[1] == "switched" and "ours" not in row[0]]
+    print_fastest("peer", [row for row in rivals if row[3] <= done[0][3]], ours)
+    if given.plot:
+        pictures.work_precision(done, LAWS, given.plot)
     sampled_block_row(p, ours)
+
+
+def print_fastest(kind: str, rows: list[tuple[str, str, float, float]], ours: float) -> None:
+    """The fastest of the rows that are exact enough."""
+    if rows:
+        name, _, best, _ = min(rows, key=lambda row: row[2])
+        print(f"fastest {kind} at least as exact as ours: {name}, {best / ours:.1f} x our time")
 
 
 def sampled_block_row(problem: peers.StickSlip, ours: float) -> None:
@@ -347,41 +285,27 @@ def sampled_block_row(problem: peers.StickSlip, ours: float) -> None:
     begin = time.process_time()
     found = ct.input_output_response(block, t, u)
     spent = time.process_time() - begin
-    same = axis.simulate(u, DT)
-    gap = np.abs(found.outputs[:2] - same.y[:2]).max()
+    gap = np.abs(found.outputs[:2] - axis.simulate(u, DT).y[:2]).max()
     print(
         f"python-control's response of axis_block, held input: {spent * 1e3:.0f} ms, "
         f"{spent / ours:.0f} x our time, within {gap:.1e} of simulate()"
     )
 
 
-# --- 3: the sampled servo loop --------------------------------------------------------
+# --- the sampled servo loop -----------------------------------------------------------
 
 
-def servo_table(repeat: int) -> None:
+def servo_table(given: Namespace) -> None:
     """A 1 ms position loop on an encoder, switching inside samples."""
-    p = servo_peers.Servo()
-    exact, modes = servo_peers.servo_solve_ivp(p, "DOP853", 1e-12, 2.5e-4)
-    heading("1 ms servo loop, PD controller, encoder, held input")
-    print(
-        f"{modes.size} samples, {np.count_nonzero(np.diff(modes))} switches; error: largest of x "
-        "at the samples against\nsolve_ivp DOP853 1e-12"
-    )
-    axis = dfc.FrictionAxis(
-        mass=p.mass,
-        viscous=p.viscous,
-        coulomb=p.coulomb,
-        stribeck=dfc.Stribeck(excess=p.excess, speed=p.stribeck_speed),
-        stick_speed=p.stick_speed,
-        stick_rate=p.stick_rate,
-    )
+    p = peers.Servo()
+    exact, modes = peers.servo_solve_ivp(p, "DOP853", 1e-12, 2.5e-4)
+    axis, reference = axis_of(p), p.reference
     loop = dfc.PositionController(kp=p.kp, ki=0.0, kd=p.kd, dt=p.dt)
-    reference = p.reference
 
-    def compiled():
+    def compiled() -> tuple[np.ndarray, None]:
         return dfc.simulate_loop(axis, loop, reference, quantum=p.quantum).y[0], None
 
-    def stepped():
+    def stepped() -> tuple[np.ndarray, None]:
         plant = axis.stepper(p.dt)
         x = np.empty(reference.size)
         last = 0.0
@@ -392,48 +316,37 @@ def servo_table(repeat: int) -> None:
             last = y
         return x, None
 
-    cases = [
-        ("ours, simulate_loop", compiled),
-        ("ours, stepper() in a Python loop", stepped),
-        ("solve_ivp RK45 1e-8", lambda: servo_peers.servo_solve_ivp(p, "RK45", 1e-8)),
-        ("DOP853 compiled 1e-8", lambda: servo_peers.servo_dop853(p, 1e-8)),
-        ("hand-written RK4, 1 substep", lambda: servo_peers.servo_rk4(p, 1)),
-        ("hand-written RK4, 2 substeps", lambda: servo_peers.servo_rk4(p, 2)),
-        ("hand-written RK4, 4 substeps", lambda: servo_peers.servo_rk4(p, 4)),
-        ("compiled Euler", lambda: servo_peers.servo_euler(p, 1)),
-        ("compiled Euler, 100 substeps", lambda: servo_peers.servo_euler(p, 100)),
-    ]
-    if peers.mujoco is None:
-        print("MuJoCo is not installed: its rows are left out")
+    cases: dict[str, Callable[[], tuple[np.ndarray, np.ndarray | None]]] = {
+        "ours, simulate_loop": compiled,
+        "ours, stepper() in a Python loop": stepped,
+        "solve_ivp RK45 1e-8": partial(peers.servo_solve_ivp, p, "RK45", 1e-8),
+        "DOP853 compiled 1e-8": partial(peers.servo_dop853, p, 1e-8),
+    }
+    for count in (1, 2, 4):
+        cases[f"hand-written RK4, substeps: {count}"] = partial(peers.servo_rk4, p, count)
+    if peers.mujoco:
+        cases["MuJoCo, stiff solimp"] = partial(peers.servo_mujoco, p)
     else:
-        cases.append(("MuJoCo, stiff solimp", lambda: servo_peers.servo_mujoco(p, 1, "0.02 1")))
-    print(f"{'':34s} {'us/sample':>9s} {'median':>9s} {'error m':>9s} {'x ours':>8s}")
-    done = []
-    raced = race([work for _, work in cases], repeat)
-    for (name, _), (best, median, (x, _)) in zip(cases, raced, strict=True):
-        error = np.abs(x - exact).max()
-        done.append((name, best, error))
-        print(
-            f"{name:34s} {best / x.size * 1e6:9.3f} {median / x.size * 1e6:9.3f} {error:9.1e} "
-            f"{best / done[0][1]:8.1f}"
-        )
-    for kind, by_hand in (("library", False), ("hand-written loop", True)):
-        name, best, _ = min(
-            (
-                row
-                for row in done
-                if row[2] <= done[0][2]
-                and "ours" not in row[0]
-                and row[0].startswith("hand-written") == by_hand
-            ),
-            key=lambda row: row[1],
-        )
-        print(
-            f"fastest {kind} at least as exact as ours: {name}, {best / done[0][1]:.1f} x our time"
-        )
+        print("MuJoCo is not installed: its rows are left out")
+    table = Table(
+        {"": "34s", "us/sample": "10.3f", "median": "10.3f", "error m": "10.1e", "x ours": "9.1f"},
+        f"1 ms servo loop, PD controller, encoder, held input: {modes.size} samples, "
+        f"{np.count_nonzero(np.diff(modes))} switches; error: largest of x\n"
+        "at the samples against solve_ivp DOP853 1e-12",
+    )
+    raced = race(list(cases.values()), given.repeat)
+    ours, done = raced[0][0], []
+    for name, (best, median, (x, _)) in zip(cases, raced, strict=True):
+        error = float(np.abs(x - exact).max())
+        kind = "hand-written loop" if name.startswith("hand-written") else "library"
+        done.append((name, "ours" if "ours" in name else kind, best, error))
+        table.row(name, best / x.size * 1e6, median / x.size * 1e6, error, best / ours)
+    for kind in ("library", "hand-written loop"):
+        rivals = [row for row in done if row[1] == kind and row[3] <= done[0][3]]
+        print_fastest(kind, rivals, ours)
 
 
-# --- 4 and 5: memory and compilation, each in a process of its own --------------------
+# --- memory and compilation, each in a process of its own -----------------------------
 
 MEMORY = """
 import json, resource
@@ -465,11 +378,14 @@ def lap(name, work):
     begin = time.process_time()
     work()
     spent[name] = time.process_time() - begin
+def load_control():
+    import control
 def load():
     global dfc, np
     import numpy as np
     import dryfric_control as dfc
-lap("import", load)
+lap("import of control", load_control)
+lap("import beyond it", load)
 u = 3.0 * np.sin(np.arange(100) * 0.05)
 axis = dfc.FrictionAxis(mass=1.0, viscous=0.4, coulomb=1.0)
 lap("simulate", lambda: axis.simulate(u, 1e-3))
@@ -484,63 +400,42 @@ print(json.dumps(spent))
 """
 
 
-def in_process(code: str, **environment: str) -> dict[str, float]:
-    """Run some code in a fresh interpreter; the numbers it prints."""
-    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env={**os.environ, "PYTHONPATH": path, **environment},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return json.loads(done.stdout)
-
-
-def memory_table() -> None:
+def memory_table(given: Namespace) -> None:
     """Peak memory of ten million samples."""
-    heading("Memory of a run of 10,000,000 samples")
-    found = in_process(MEMORY)
+    found = fresh_process("-c", MEMORY)
     peak, arrays = found["peak"] / 2**20, found["arrays"] / 2**20
     print(
-        f"peak rise {peak:.0f} MiB, arrays returned {arrays:.0f} MiB ({peak / arrays:.2f} times), "
-        f"{found['switches']:.0f} switches"
+        f"\nA run of 10,000,000 samples: peak rise {peak:.0f} MiB, arrays returned {arrays:.0f} "
+        f"MiB ({peak / arrays:.2f} times), {found['switches']:.0f} switches"
     )
 
 
-def compile_table() -> None:
+def compile_table(given: Namespace) -> None:
     """First calls with an empty compile cache, and from it."""
-    heading("First calls, seconds of processor time")
     with tempfile.TemporaryDirectory() as cache:
-        first = in_process(COMPILE, NUMBA_CACHE_DIR=cache)
-        later = in_process(COMPILE, NUMBA_CACHE_DIR=cache)
-    print(f"{'':20s} {'compiling':>10s} {'from cache':>10s}")
+        first, later = (fresh_process("-c", COMPILE, NUMBA_CACHE_DIR=cache) for _ in range(2))
+    table = Table(
+        {"first calls [s]": "20s", "compiling": "11.2f", "from cache": "11.2f"},
+    )
     for name in first:
-        print(f"{name:20s} {first[name]:10.2f} {later[name]:10.2f}")
-    print(f"{'in all':20s} {sum(first.values()):10.2f} {sum(later.values()):10.2f}")
-
-
-def main() -> None:
-    """Print every table, or those asked for."""
-    tables = {
-        "samples": samples_table,
-        "effects": effects_table,
-        "structures": structures_table,
-        "stickslip": lambda repeat: stick_slip_table(repeat, chosen.plot),
-        "servo": servo_table,
-        "memory": lambda repeat: memory_table(),
-        "compile": lambda repeat: compile_table(),
-    }
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("tables", nargs="*", metavar="TABLE", help=f"of {', '.join(tables)}")
-    parser.add_argument("--repeat", type=int, default=7, help="repetitions of each timing")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="picture of table stickslip")
-    chosen = parser.parse_args()
-    if unknown := set(chosen.tables) - set(tables):
-        parser.error(f"no table {', '.join(sorted(unknown))}; there are {', '.join(tables)}")
-    for name in chosen.tables or tables:
-        tables[name](chosen.repeat)
+        table.row(name, first[name], later[name])
+    table.row("in all", sum(first.values()), sum(later.values()))
 
 
 if __name__ == "__main__":
-    main()
+    print_tables(
+        __doc__,
+        {
+            "samples": samples_table,
+            "effects": effects_table,
+            "structures": structures_table,
+            "stickslip": stick_slip_table,
+            "servo": servo_table,
+            "memory": memory_table,
+            "compile": compile_table,
+        },
+        {
+            "--repeat": (7, "repetitions of each timing"),
+            "--plot": (Path, "picture of table stickslip"),
+        },
+    )

@@ -1,30 +1,30 @@
-"""Attack on the certificates of compensated loops: which axis breaks what they state?
+"""Attack on the certificates of compensated loops: which axis breaks it (3 s a design)?
 
-Run ``python benchmarks/tube_attack.py --plants 5000``.  Each design is drawn at random (mass,
-delay, encoder, mismatch, Stribeck peak, levels by direction); its plants lie at the corners of the
-mismatch, its moves reach from 0.3 mm to 100 mm and from crawling to fast, their reversals are
-2 to 60 loop time constants apart.  A coordinate search starts from the worst plant of each design.
-Prints the largest error over its tube, and exits with 1 if one is beyond 1.
+python benchmarks/tube_attack.py [--designs 100] [--each 50] [--only none spring ...]
 
-``--effects 100`` draws that many designs for each effect of the package, half of them with another
-effect beside it and a third without any mismatch.  Each is run as the nominal axis and within the
-mismatch.  Beside the tube it tries the drive that the certificate says is needed, rest without
-hunting, and nine tenths of the delay margin.
+Each design is drawn at random (mass, delay, encoder, mismatch, Stribeck peak, levels by direction),
+without an effect ("none") or with one of the package, half of them with another beside it and a
+third without any mismatch.  Its moves reach from 0.3 mm to 100 mm and from crawling to fast, their
+reversals are 2 to 60 loop time constants apart; its plants are the nominal axis and lie at the
+corners of the mismatch, by turns, and a coordinate search starts from the worst.  Counts for each
+effect what was tried of the tube, the drive that the certificate says is needed, rest without
+hunting and nine tenths of the delay margin, and what was broken; exits with 1 if anything was.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from harness import parser_of
 
 import dryfric_control as dfc
+from dryfric_control import effects as fx
 
 DT = 1e-3
 #: Time at rest within which a loop that does not hunt has come to rest [s].
@@ -153,90 +153,76 @@ def near(case: Case, name: str, rng: np.random.Generator) -> Case:
     return replace(case, **{name: value})
 
 
-def attack(seed: int, plants: int) -> tuple[float, Case, dfc.Compensation]:
-    """Worst case of one design: half of the plants drawn, half by a coordinate search."""
-    comp = designs(seed)
-    rng = np.random.default_rng(seed)
-    worst, case = -1.0, drawn(rng)
-    for k in range(plants):
-        names = tuple(Case.__annotations__)
-        tried = drawn(rng) if k < plants // 2 else near(case, names[k % len(names)], rng)
-        found = beyond(comp, tried)
-        if found > worst:
-            worst, case = found, tried
-    return worst, case, comp
+class Draw:
+    """Random numbers for an effect of a size that matters on an axis."""
+
+    def __init__(self, axis: dfc.FrictionAxis, rng: np.random.Generator) -> None:
+        self.level, self.viscous, self.rng = axis.coulomb.mean, axis.viscous, rng
+        self.phase = rng.uniform(-np.pi, np.pi)
+
+    def part(self, low: float, high: float) -> float:
+        """Part of the Coulomb level."""
+        return self.level * self.rng.uniform(low, high)
+
+    def decade(self, low: float, high: float) -> float:
+        """Power of ten with an exponent between two numbers."""
+        return float(10.0 ** self.rng.uniform(low, high))
 
 
-def drawn_effect(slug: str, axis: dfc.FrictionAxis, rng: np.random.Generator) -> dfc.effects.Effect:
-    """An effect of a size that matters on an axis."""
-    level, fx = axis.coulomb.mean, dfc.effects
-
-    def part(low: float, high: float) -> float:
-        return level * rng.uniform(low, high)
-
-    def decade(low: float, high: float) -> float:
-        return float(10.0 ** rng.uniform(low, high))
-
-    phase = rng.uniform(-np.pi, np.pi)
-    made = {
-        "bias_force": lambda: fx.BiasForce(part(-2.0, 2.0)),
-        "viscous_asymmetry": lambda: fx.ViscousAsymmetry(axis.viscous * rng.uniform(-0.8, 0.8)),
-        "quadratic_drag": lambda: fx.QuadraticDrag(level * decade(0.0, 2.0)),
-        "spring": lambda: fx.Spring(level * decade(0.0, 2.5), rng.uniform(-0.05, 0.05)),
-        "gravity": lambda: fx.Gravity(part(0.0, 3.0), phase),
-        "cogging": lambda: fx.Cogging(level * decade(-1.5, 0.0), decade(-3.3, -1.3), phase),
-        "time_periodic": lambda: fx.TimePeriodic(
-            level * decade(-1.5, 0.7), decade(-1.0, 2.5), phase
-        ),
-        "end_stop": lambda: fx.EndStop(
-            -decade(-3.0, -1.0), decade(-3.0, -1.0), level * decade(1.0, 3.0),
-            axis.viscous * rng.uniform(0.0, 2.0) * (rng.random() < 0.5),
-        ),
-        "coulomb_asymmetry": lambda: fx.CoulombAsymmetry(part(-0.5, 0.5)),
-        "position_dependence": lambda: fx.PositionDependence(
-            rng.uniform(-5.0, 5.0), rng.uniform(-20.0, 20.0)
-        ),
-        "load_dependence": lambda: fx.LoadDependence(rng.uniform(0.0, 0.6)),
-        "load_asymmetry": lambda: fx.LoadAsymmetry(rng.uniform(-0.4, 0.4)),
-        "stribeck_asymmetry": lambda: fx.StribeckAsymmetry(
-            rng.uniform(-0.5, 0.5), decade(-3.0, -1.5)
-        ),
-        "velocity_strengthening": lambda: fx.VelocityStrengthening(
-            rng.uniform(0.0, 0.9), decade(-3.0, -1.0)
-        ),
-        "warm_up": lambda: fx.WarmUp(rng.uniform(-0.5, 1.0), decade(-1.0, 2.0)),
-        "drift": lambda: fx.Drift(rng.uniform(-0.05, 0.2)),
-        "dwell_time": lambda: fx.DwellTime(part(0.0, 1.0), decade(-2.5, 0.5)),
-        "input_gain": lambda: fx.InputGain(rng.uniform(0.4, 2.5)),
-        "dead_zone": lambda: fx.DeadZone(part(0.0, 1.0)),
-        "saturation": lambda: fx.Saturation(part(1.7, 8.0)),
-        "input_delay": lambda: fx.InputDelay(rng.uniform(0.0, 6.0) * DT),
-        "actuator_lag": lambda: fx.ActuatorLag(rng.uniform(0.0, 5.0) * DT),
-        "eccentric_encoder": lambda: fx.EccentricEncoder(decade(-6.0, -4.0), 0.02, phase),
-        "presliding": lambda: fx.Presliding(decade(-6.0, -4.0)),
-        "backlash": lambda: fx.Backlash(decade(-6.0, -4.0), rng.uniform(0.1, 0.6)),
-    }  # fmt: skip
-    return made[slug]()
-
-
-#: Effects that `drawn_effect` knows; the last three have no bounds.
-EFFECTS = (
-    "bias_force", "viscous_asymmetry", "quadratic_drag", "spring", "gravity", "cogging",
-    "time_periodic", "end_stop", "coulomb_asymmetry", "position_dependence", "load_dependence",
-    "load_asymmetry", "stribeck_asymmetry", "velocity_strengthening", "warm_up", "drift",
-    "dwell_time", "input_gain", "dead_zone", "saturation", "input_delay", "actuator_lag",
-    "eccentric_encoder", "presliding", "backlash",
-)  # fmt: skip
+#: What is attacked beside the effects: designs without any.
+NONE = "none"
+#: Effects at random; the last three have no bounds.
+EFFECTS: dict[str, Callable[[Draw], fx.Effect]] = {
+    "bias_force": lambda d: fx.BiasForce(d.part(-2.0, 2.0)),
+    "viscous_asymmetry": lambda d: fx.ViscousAsymmetry(d.viscous * d.rng.uniform(-0.8, 0.8)),
+    "quadratic_drag": lambda d: fx.QuadraticDrag(d.level * d.decade(0.0, 2.0)),
+    "spring": lambda d: fx.Spring(d.level * d.decade(0.0, 2.5), d.rng.uniform(-0.05, 0.05)),
+    "gravity": lambda d: fx.Gravity(d.part(0.0, 3.0), d.phase),
+    "cogging": lambda d: fx.Cogging(d.level * d.decade(-1.5, 0.0), d.decade(-3.3, -1.3), d.phase),
+    "time_periodic": lambda d: fx.TimePeriodic(
+        d.level * d.decade(-1.5, 0.7), d.decade(-1.0, 2.5), d.phase
+    ),
+    "end_stop": lambda d: fx.EndStop(
+        -d.decade(-3.0, -1.0), d.decade(-3.0, -1.0), d.level * d.decade(1.0, 3.0),
+        d.viscous * d.rng.uniform(0.0, 2.0) * (d.rng.random() < 0.5),
+    ),
+    "coulomb_asymmetry": lambda d: fx.CoulombAsymmetry(d.part(-0.5, 0.5)),
+    "position_dependence": lambda d: fx.PositionDependence(
+        d.rng.uniform(-5.0, 5.0), d.rng.uniform(-20.0, 20.0)
+    ),
+    "load_dependence": lambda d: fx.LoadDependence(d.rng.uniform(0.0, 0.6)),
+    "load_asymmetry": lambda d: fx.LoadAsymmetry(d.rng.uniform(-0.4, 0.4)),
+    "stribeck_asymmetry": lambda d: fx.StribeckAsymmetry(
+        d.rng.uniform(-0.5, 0.5), d.decade(-3.0, -1.5)
+    ),
+    "velocity_strengthening": lambda d: fx.VelocityStrengthening(
+        d.rng.uniform(0.0, 0.9), d.decade(-3.0, -1.0)
+    ),
+    "warm_up": lambda d: fx.WarmUp(d.rng.uniform(-0.5, 1.0), d.decade(-1.0, 2.0)),
+    "drift": lambda d: fx.Drift(d.rng.uniform(-0.05, 0.2)),
+    "dwell_time": lambda d: fx.DwellTime(d.part(0.0, 1.0), d.decade(-2.5, 0.5)),
+    "input_gain": lambda d: fx.InputGain(d.rng.uniform(0.4, 2.5)),
+    "dead_zone": lambda d: fx.DeadZone(d.part(0.0, 1.0)),
+    "saturation": lambda d: fx.Saturation(d.part(1.7, 8.0)),
+    "input_delay": lambda d: fx.InputDelay(d.rng.uniform(0.0, 6.0) * DT),
+    "actuator_lag": lambda d: fx.ActuatorLag(d.rng.uniform(0.0, 5.0) * DT),
+    "eccentric_encoder": lambda d: fx.EccentricEncoder(d.decade(-6.0, -4.0), 0.02, d.phase),
+    "presliding": lambda d: fx.Presliding(d.decade(-6.0, -4.0)),
+    "backlash": lambda d: fx.Backlash(d.decade(-6.0, -4.0), d.rng.uniform(0.1, 0.6)),
+}  # fmt: skip
 
 
 def design_with(slug: str, seed: int) -> dfc.Compensation | None:
     """A design whose axis has an effect; None if such an axis cannot be designed for."""
-    rng = np.random.default_rng([69, EFFECTS.index(slug), seed])
+    if slug == NONE:
+        return designs(seed)
+    names = list(EFFECTS)
+    rng = np.random.default_rng([69, names.index(slug), seed])
     plain = designs(seed)
-    found = [drawn_effect(slug, plain.axis, rng)]
+    found = [EFFECTS[slug](Draw(plain.axis, rng))]
     if rng.random() < 0.5:
-        other = str(rng.choice([one for one in EFFECTS if one != slug]))
-        found.append(drawn_effect(other, plain.axis, rng))
+        other = str(rng.choice([one for one in names if one != slug]))
+        found.append(EFFECTS[other](Draw(plain.axis, rng)))
     travel = (-0.12, 0.12) if rng.random() < 0.7 else None
     mismatch = 0.0 if rng.random() < 0.33 else plain.mismatch
     try:
@@ -341,55 +327,23 @@ def attack_effect(slug: str, count: int, first: int, each: int) -> Counter[str]:
     return told
 
 
-def attack_effects(given: argparse.Namespace) -> int:
-    """Attack designs with each effect; how many statements were broken."""
+if __name__ == "__main__":
+    given = parser_of(
+        __doc__,
+        {
+            "--designs": (100, "of each kind"),
+            "--each": (50, "moves of one design"),
+            "--first": (0, "seed of the first design"),
+            "--only": ((NONE, *EFFECTS), "effects to attack"),
+        },
+    ).parse_args()
+    warnings.simplefilter("ignore")
     total: Counter[str] = Counter()
-    for slug in given.only or EFFECTS:
-        told = attack_effect(slug, given.effects, given.first, given.each)
+    for slug in given.only:
+        told = attack_effect(slug, given.designs, given.first, given.each)
         total += told
         print(f"{slug:24s}", ", ".join(f"{what} {n}" for what, n in told.items() if n), flush=True)
     broken_ones = sum(n for what, n in total.items() if "BROKEN" in what)
-    counted = ", ".join(
-        f"{total[what]} {what}" for what in ("designs", "cases", "tube", "drive", "rest", "margin")
-    )
-    print(f"all: {counted}; {broken_ones} broken")
-    return broken_ones
-
-
-def main() -> None:
-    """Read the command line and attack."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--plants", type=int, default=5000)
-    parser.add_argument("--each", type=int, default=50, help="plants of one design")
-    parser.add_argument("--first", type=int, default=0, help="seed of the first design")
-    parser.add_argument("--effects", type=int, help="designs for each effect")
-    parser.add_argument("--only", nargs="*", choices=EFFECTS, help="effects to attack")
-    given = parser.parse_args()
-    if given.effects:
-        warnings.simplefilter("ignore")
-        sys.exit(attack_effects(given) > 0)
-    ratios = []
-    for seed in range(given.first, given.first + math.ceil(given.plants / given.each)):
-        if not math.isfinite(designs(seed).certificate.tube):
-            print(f"{seed:4d}  no tube is certified", flush=True)
-            continue
-        worst, case, comp = attack(seed, given.each)
-        ratios.append(worst)
-        axis, peak = comp.axis, comp.axis.stribeck
-        print(
-            f"{seed:4d}  mass {axis.mass:8.4g}, delay {1e3 * comp.input_delay:4.2f} ms, encoder "
-            f"{1e6 * comp.encoder_quantum:4.2f} um, mismatch {comp.mismatch:.2f}, excess "
-            f"{peak.excess if peak else 0.0:.2f}: error {worst:.3f} of the tube {case}",
-            flush=True,
-        )
-    beyond_it = sum(ratio > 1.0 for ratio in ratios)
-    print(
-        f"{given.each * len(ratios)} plants of {len(ratios)} designs: largest error "
-        f"{max(ratios):.3f} of its tube, median {np.median(ratios):.3f} of the designs' worst; "
-        f"{beyond_it} designs with an error beyond the tube"
-    )
-    sys.exit(beyond_it > 0)
-
-
-if __name__ == "__main__":
-    main()
+    names = ("designs", "cases", "tube", "drive", "rest", "margin")
+    print(f"all: {', '.join(f'{total[n]} {n}' for n in names)}; {broken_ones} broken")
+    sys.exit(broken_ones > 0)

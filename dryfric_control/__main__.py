@@ -28,7 +28,7 @@ from dryfric_control.export.fmu import export_fmu
 from dryfric_control.export.objects import export_object
 from dryfric_control.identification import Fit, axis_from
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.observer import ExtendedStateObserver, HybridFilter, ObserverDesign
+from dryfric_control.observer import Observer
 from dryfric_control.records import Record, Scaling, read_record
 from dryfric_control.records.scaling import read_sampling
 from dryfric_control.simulators.mujoco_model import axes_of
@@ -490,8 +490,7 @@ def _export(chosen: Namespace) -> None:
         "can not be exported: give an axis (TOML), or what `save` wrote of an observer design or "
         "a compensation (JSON)"
     )
-    kinds = (ObserverDesign, HybridFilter, ExtendedStateObserver, Compensation)
-    obj = load_any(chosen.file, kinds, mend)
+    obj = load_any(chosen.file, (*Observer.__subclasses__(), Compensation), mend)
     if chosen.to == "c":
         files = export_c(obj, chosen.out, **given)
     else:

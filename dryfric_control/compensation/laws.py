@@ -105,7 +105,7 @@ def _difference(law: Interval, change: Change) -> float:
 def unbounded_effects(axis: FrictionAxis) -> tuple[str, ...]:
     """Effects of which no bounds are known."""
     acting = axis.effective()
-    box = _box(acting, Reach(*(acting.travel or ANYWHERE)), 1.0)
+    box = _box(Reach(*(acting.travel or ANYWHERE)), 1.0)
     rows = (effect for effect in acting.effects if effect.action not in _LINEAR)
     return tuple(effect.slug for effect in rows if effect.bounds(box) is None)
 
@@ -113,7 +113,7 @@ def unbounded_effects(axis: FrictionAxis) -> tuple[str, ...]:
 def largest_drive(axis: FrictionAxis) -> float:
     """Largest force that the drive's own effects let through, in both directions [N]."""
     drive = Interval.of_argument("u", -math.inf, math.inf)
-    box = _box(axis, Reach(*(axis.travel or ANYWHERE), speed=math.inf), 1.0)
+    box = _box(Reach(*(axis.travel or ANYWHERE), speed=math.inf), 1.0)
     for effect in axis.effects:
         if effect.action == "input":
             found = effect.bounds(box._replace(u=drive))
@@ -128,7 +128,7 @@ def laws_of(axis: FrictionAxis, reach: Reach) -> Laws:
     forces = []
     for effect in _effects_on(axis, "force"):
         # The directions, and rest, are one range: nothing says in which of them the axis is.
-        found = (effect.bounds(_box(axis, reach, s)) for s in (1.0, -1.0, 0.0))
+        found = (effect.bounds(_box(reach, s)) for s in (1.0, -1.0, 0.0))
         sides = [one for one in found if one is not None]
         if sides:
             forces.append(_interval_union(sides))
@@ -145,7 +145,7 @@ def _levels(axis: FrictionAxis, reach: Reach, s: int) -> Iterator[Interval]:
     base = _map(axis, reach, s)
     yield base
     own = base
-    box = _box(axis, reach, float(s))
+    box = _box(reach, float(s))
     effects = sorted(
         _effects_on(axis, "friction"),
         key=lambda e: (not e.within_peak, e.by_drive, not e.depends_on_direction),
@@ -181,7 +181,7 @@ def _interval_union(laws: list[Interval]) -> Interval:
     )
 
 
-def _box(axis: FrictionAxis, reach: Reach, direction: float) -> Box:
+def _box(reach: Reach, direction: float) -> Box:
     """Arguments of the laws, one element a part of the travel."""
     places = _places(reach)
     return Box(

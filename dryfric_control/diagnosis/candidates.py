@@ -40,10 +40,6 @@ _MAX_DELAY_FRACTION = 0.03
 _MIN_VISIBLE_LENGTH = 0.1
 # Error of the readings, as a fraction of their increment, up to which it is their rounding.
 _MIN_READING_ERROR = 0.5
-# Actions of which an axis has at most one effect.
-EXCLUSIVE_ACTIONS = ("delay", "lag", "contact", "transmission")
-# Of them, those that no effect with states of its own can stand beside.
-_ELASTIC_ACTIONS = EXCLUSIVE_ACTIONS[2:]
 
 
 @dataclass(frozen=True)
@@ -54,21 +50,15 @@ class Start:
     free: tuple[str, ...]
 
 
-def excluded_actions(actions: Iterable[str]) -> set[str]:
-    """Actions of effects that an axis cannot have beside those of some actions."""
-    present = set(actions)
-    excluded = present.intersection(EXCLUSIVE_ACTIONS)
-    if "memory" in present:
-        excluded.update(_ELASTIC_ACTIONS)
-    if not present.isdisjoint(_ELASTIC_ACTIONS):
-        excluded.add("memory")
-    return excluded
+def excluded_actions(effects: Iterable[Effect | type[Effect]]) -> set[str]:
+    """Actions of effects that an axis cannot have beside some."""
+    return {action for effect in effects for action in effect.excluded_actions()}
 
 
 def catalogue(axis: FrictionAxis, found: Sequence[str] = ()) -> tuple[str, ...]:
     """Names of effects to try on an axis: its own, all others, of repeatable ones one more."""
     present = named(axis)
-    excluded = excluded_actions(e.action for e in axis.effects)
+    excluded = excluded_actions(axis.effects)
     names = []
     for slug, effect in REGISTRY.items():
         if slug in BASE:

@@ -603,7 +603,7 @@ class Gram:
         names = {self.items[g].name for g in chosen}
         # Two that build friction up after a reversal do not add up: one gives way to the other.
         builds_up = any(_builds_up(n) for n in names)
-        actions = excluded_actions(effect_class(n).action for n in names - {REVERSAL})
+        actions = excluded_actions(effect_class(n) for n in names - {REVERSAL})
         some = [
             g
             for g, one in enumerate(self.items)

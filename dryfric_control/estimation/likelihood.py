@@ -96,9 +96,7 @@ _MAX_STIFFENING = 1.5
 _RANDOM_FORCE_LIMITS = (1e-5, 10.0)
 
 
-# Actions of effects that are no force on the mass of a sliding axis.
-_FORCELESS_ACTIONS = ("delay", "lag", "contact", "transmission", "memory", "reading")
-# Those of them that shift the drive in time.
+# Actions of effects that shift the drive in time.
 _TIMING_ACTIONS = ("delay", "lag")
 # Numbers of an effect without a state of its own.
 _RIGID = Inner()
@@ -285,7 +283,7 @@ class Likelihood:
         self.high = np.full(self.size, np.inf)
         self._bound_parameters()
         # Parameters that do not act as a force on the mass of a sliding axis.
-        forceless = {n for n, e in named(axis).items() if e.action in _FORCELESS_ACTIONS}
+        forceless = {n for n, e in named(axis).items() if not e.acts_as_force()}
         self.late = {n for n in names if n == SHIFT or n.partition(".")[0] in forceless}
         self._bound_noises()
         noise_steps = np.full(2 * len(runs), _NOISE_STEP)

@@ -14,10 +14,7 @@ from dryfric_control.estimation.input_noise import noise_of, without_noise
 from dryfric_control.estimation.likelihood import Run, recursion
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.effect import WITH_STATE
 
-# Actions of effects whose states have no linear recursion.
-_SWINGING = ("memory", *WITH_STATE[2:])
 # Records of simulated noise over which products are averaged.
 _DRAWS = 16
 # Half width of the intervals of the smoothing [standard errors].
@@ -42,7 +39,7 @@ def input_bias(found: Solution, seed: int = 0) -> Floats:
         bias = np.zeros((run.edges.size - 1, len(problem.names)))
         spread = _measured_noise(found, i)
         axis = problem.axis_at(found.z, i)
-        if spread > 0.0 and not any(e.action in _SWINGING for e in axis.effects):
+        if spread > 0.0 and all(e.has_linear_states() for e in axis.effects):
             noise = spread * rng.standard_normal((run.u.size, _DRAWS))
             out = found.point.out[i]
             states = found.point.states[i]

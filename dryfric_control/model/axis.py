@@ -33,6 +33,7 @@ from dryfric_control.model.block import Block
 from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.drive import input_corners
 from dryfric_control.model.effects.effect import (
+    ELASTIC,
     REMEMBERING,
     WITH_STATE,
     Inner,
@@ -880,8 +881,7 @@ def rigid_inner(axis: FrictionAxis) -> Inner:
     inner = inner_of(axis)
     remembering = any(e.action == "memory" for e in axis.effects)
     if inner.contact > 0.0 or _has_transmission(inner) or remembering:
-        actions = ("contact", "transmission", "memory")
-        elastic = [e.slug for e in axis.effects if e.action in actions]
+        elastic = [e.slug for e in axis.effects if not e.has_linear_states()]
         raise ValueError(
             f"a mode has no place for {' and '.join(elastic)}: leave it out, as in "
             "axis.replace(effects=...), or linearise the whole axis where it moves, "
@@ -991,10 +991,10 @@ def _check_effects(effects: tuple[Effect, ...]) -> None:
     for action in WITH_STATE:
         alike = [effect.slug for effect in effects if effect.action == action]
         if len(alike) > 1:
-            mend = "keep one" if action in ("contact", "transmission") else "add them up"
+            mend = "keep one" if action in ELASTIC else "add them up"
             raise ValueError(f"effects holds more than one {action} ({', '.join(alike)}): {mend}")
     memories = [effect.slug for effect in effects if effect.action == "memory"]
-    elastic = [effect.slug for effect in effects if effect.action in ("contact", "transmission")]
+    elastic = [effect.slug for effect in effects if effect.action in ELASTIC]
     if memories and elastic:
         raise ValueError(
             f"effects holds states of {' and '.join(memories)} beside {' and '.join(elastic)}: "

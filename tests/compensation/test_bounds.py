@@ -170,7 +170,7 @@ def test_an_effect_without_bounds_is_not_covered_by_any_statement():
 @pytest.mark.parametrize("slug", tube_attack.EFFECTS)
 @pytest.mark.filterwarnings("ignore")
 def test_no_certificate_is_broken_by_a_simulation(slug):
-    """A sample of `benchmarks/tube_attack.py --effects 100`."""
+    """A sample of `benchmarks/tube_attack.py`."""
     told = tube_attack.attack_effect(slug, 1, 69, 2)
     assert told["designs"] + told["not designed"] == 1
     assert +Counter({what: n for what, n in told.items() if "BROKEN" in what}) == Counter()

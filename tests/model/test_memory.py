@@ -1,8 +1,10 @@
 """Effects with states of their own, against an integrator of tiny steps that shares no code."""
 
+import itertools
 import math
 
 import control as ct
+import each_effect
 import numpy as np
 import pytest
 from remembering import BOND, SLIP, WARM, BrittleBond, MaxwellSlip, Remembering
@@ -214,3 +216,23 @@ def test_windows_of_a_record_pass_its_states_on():
     record = dfc.Record(t, drive, x, quantum=1e-9)
     off = dfc.replay(slide, record).positions - x
     assert np.abs(off).max() < 0.05 * np.abs(SLIP.limits).min()
+
+
+def test_an_effect_excludes_what_an_axis_with_it_refuses():
+    """Of all pairs of effects, one that remembers among them."""
+    axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=4.0)
+    for one, other in itertools.combinations([*each_effect.EFFECTS, SLIP], 2):
+        refused = ""
+        try:
+            axis.replace(effects=(one, other))
+        except ValueError as problem:
+            refused = str(problem)
+        assert (other.action in one.excluded_actions()) == bool(refused), (one, other, refused)
+        assert (one.action in other.excluded_actions()) == bool(refused), (one, other, refused)
+
+
+def test_of_its_states_only_those_of_the_drive_are_linear():
+    linear = {effect.action: effect.has_linear_states() for effect in (*each_effect.EFFECTS, SLIP)}
+    assert {action for action, one in linear.items() if not one} == {
+        "contact", "transmission", "memory",
+    }  # fmt: skip

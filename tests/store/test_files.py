@@ -1,6 +1,7 @@
 """Files: written whole or not at all, refused when damaged or newer, never executed."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -186,13 +187,17 @@ def sound_files(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", damage.READERS)
 def test_damaged_files_are_refused_or_read_soundly(kind, sound_files, tmp_path):
-    """A moment of ``benchmarks/fuzz_readers.py``, always the same."""
+    """Always the same files; DAMAGED_FILES=100000 and --hypothesis-seed=1 try many others."""
     if kind not in sound_files:
         pytest.skip(f"the library that reads {kind} is not installed")
     sound, folder = sound_files[kind], tmp_path
+    count = int(os.environ.get("DAMAGED_FILES", 100))
     assert [damage.verdict(kind, content, folder) for content in sound] == ["taken"] * len(sound)
 
-    @settings(max_examples=100, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
+    @settings(
+        max_examples=count, phases=[Phase.generate], suppress_health_check=list(HealthCheck),
+        derandomize=count == 100,
+    )  # fmt: skip
     @given(st.sampled_from(sound), damage.damages)
     def one(content, changes):  # type: ignore[no-untyped-def]
         broken = damage.damaged(content, changes)

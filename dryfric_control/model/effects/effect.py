@@ -37,6 +37,8 @@ ACTIONS = (
 _BY_LAW = ACTIONS[:5]
 #: Those with a state that the kernel knows, of which an axis holds one each.
 WITH_STATE = ACTIONS[6:]
+#: Those of them that a spring holds, with a motion of its own.
+ELASTIC = WITH_STATE[2:]
 #: All that have states beside position and velocity.
 REMEMBERING = ("memory", *WITH_STATE)
 #: The method that an action needs.
@@ -488,6 +490,25 @@ class Effect:
     def loaded(cls) -> bool:
         """Whether it is friction that depends on the load."""
         return cls.action == "friction" and cls.depends_on_load
+
+    @classmethod
+    def acts_as_force(cls) -> bool:
+        """Whether it is a force on the mass of a sliding axis."""
+        return cls.action not in (*REMEMBERING, "reading")
+
+    @classmethod
+    def has_linear_states(cls) -> bool:
+        """Whether its states, if any, follow a linear recursion."""
+        return cls.action not in ("memory", *ELASTIC)
+
+    @classmethod
+    def excluded_actions(cls) -> tuple[str, ...]:
+        """Actions of effects that no axis has beside it."""
+        if cls.action == "memory":
+            return ELASTIC
+        if cls.action in ELASTIC:
+            return (cls.action, "memory")
+        return (cls.action,) if cls.action in WITH_STATE else ()
 
     @classmethod
     def needs_velocities(cls) -> bool:

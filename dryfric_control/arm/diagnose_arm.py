@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dryfric_control.arm.arm_records import ArmRecords, arm_records
-from dryfric_control.arm.model_errors import ModelError
+from dryfric_control.arm.model_errors import ModelError, load_errors
 from dryfric_control.arm.rigid_model import OF_LINKS
 from dryfric_control.checks import check_boolean, one_of, positive
 from dryfric_control.diagnosis.joints import JointDiagnoses, diagnose_joints
@@ -121,9 +121,11 @@ def diagnose_arm(
     the model along the motion at shifted instants.  Samples in which another joint starts or stops
     are left out where half of them remain: the smoothing smears its acceleration.
 
-    Then each joint is diagnosed beside the coupling torque of the corrected model.  A gravity and
-    a gain of the drive are no causes of a single joint there.  A joint that
-    cannot be diagnosed does not end the others: it is in `failed`.
+    Then each joint is diagnosed beside the coupling torque of the corrected model.  What the log
+    does not show about masses, centres and a payload leaves that torque uncertain: it may change
+    by so much in every joint, and only what is beyond it is a cause.  A gravity and a gain of the
+    drive are no causes of a single joint there.  A joint that cannot be diagnosed does not end the
+    others: it is in `failed`.
 
     Examples
     --------
@@ -152,6 +154,7 @@ def diagnose_arm(
             _check_window(joint, record, window, hold)
     errors = () if MODEL in names else nominal.model_errors(anyway=anyway)
     corrected = nominal.without(errors) if errors else nominal
+    unsure = None if MODEL in names else load_errors(corrected)
     found = diagnose_joints(
         corrected,
         known=_known_of_joints(names),
@@ -163,6 +166,7 @@ def diagnose_arm(
         jobs=jobs,
         progress=progress,
         anyway=anyway,
+        load_errors=unsure,
     )
     return ArmDiagnoses(
         found.diagnoses, found.failed, model_errors=errors, nominal=nominal, corrected=corrected

@@ -30,7 +30,13 @@ from dryfric_control.diagnosis.thresholds import (
     SEARCH_REVERSALS,
 )
 from dryfric_control.estimation.force_view import ForceView
-from dryfric_control.estimation.likelihood import BASE, NORMAL_VARIANCE_RATIO, Likelihood, Run
+from dryfric_control.estimation.likelihood import (
+    BASE,
+    NORMAL_VARIANCE_RATIO,
+    Likelihood,
+    Run,
+    load_error_names,
+)
 from dryfric_control.estimation.parameters import SHIFT, Scales, typical, values_of, with_values
 from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, maximise
 from dryfric_control.estimation.smoothed_motion import SmoothedMotion
@@ -183,7 +189,8 @@ class Problem:
         """Likelihood of an axis with the base and further parameters free."""
         clock = () if self.shift is None else (SHIFT,)
         base = self.base if base is None else base
-        names = tuple(dict.fromkeys((*base, *clock, *self.also, *free)))
+        loads = load_error_names(self.runs)
+        names = tuple(dict.fromkeys((*base, *clock, *self.also, *free, *loads)))
         # Effects on the base become part of it, unless they are free.
         owners = {name.partition(".")[0] for name in names}
         effects = named(axis).items()
@@ -285,7 +292,7 @@ class Problem:
 
     def free_of(self, now: Solution) -> tuple[str, ...]:
         """Free parameters of the effects of a model."""
-        others = (*self.base, SHIFT, *self.also)
+        others = (*self.base, SHIFT, *self.also, *load_error_names(self.runs))
         return tuple(dict.fromkeys(n for n in now.problem.names if n not in others))
 
     def free_without(self, free: Sequence[str], *names: str) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from dryfric_control.arm.rigid_model import Link, Motion
-from dryfric_control.arm.wrong_log import HARDLY, Remains, why_not_this_log
+from dryfric_control.arm.wrong_log import HARDLY, Remains, undirected_joints, why_not_this_log
 from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.estimation.force_residual import Sliding, directions
 from dryfric_control.records.record_warning import warn
@@ -279,6 +279,18 @@ def _search_errors(records: ArmRecords) -> tuple[tuple[ModelError, ...], list[st
         chosen = regression.search()
     found = (one for one in regression.errors(chosen) if one.kind != "clock")
     return (*late.values(), *found), regression.unlikely_links(chosen)
+
+
+def undirected(records: ArmRecords) -> tuple[str, ...]:
+    """Joints of which the log does not show the direction.
+
+    Parameters
+    ----------
+    records : ArmRecords
+        Records with the coupling of the corrected model.
+    """
+    with threadpool_limits(1):
+        return undirected_joints(records, _what_remains)
 
 
 def load_errors(records: ArmRecords) -> dict[str, Floats]:

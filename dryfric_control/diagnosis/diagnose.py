@@ -34,7 +34,7 @@ from dryfric_control.diagnosis.inputs import (
     with_input_lead,
 )
 from dryfric_control.diagnosis.invariants import is_pressed_to_bound
-from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
+from dryfric_control.diagnosis.problem import Problem, each_of, noises_of, with_found_load
 from dryfric_control.diagnosis.remaining import Remaining, remaining_force
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import LATE
@@ -413,10 +413,7 @@ class _Answer:
         off = float(np.sqrt(np.mean(error**2)))
         unit = self.problem.believed.units[1]
         note = f"load: corrected by {off:.2g} {unit} RMS, within what it may be off"
-        record = self.records[0]
-        load = record.known_force + error if record.known_force.size else error
-        channels = {**record.channels, "load": load}
-        self.records = [record._with_changes(note, channels=channels)]
+        self.records = [with_found_load(final, self.records[0], note=note)]
         self.windows = [cut(r, self.window, self.problem.hold) for r in self.records]
 
     def _judge_fit(self, fit: Solution) -> None:

@@ -45,6 +45,7 @@ from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named, put, renumber_names
 from dryfric_control.model.friction import CoulombMap
+from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
 
@@ -320,6 +321,15 @@ def each_of(fit: Solution) -> dict[tuple[str, int], float]:
     """Values of the parameters that every record has of its own."""
     rows = zip(fit.problem.parameters, fit.problem.place, fit.z, strict=False)
     return {(one.name, i): one.value(c) for one, i, c in rows if i >= 0}
+
+
+def with_found_load(fit: Solution, record: Record, i: int = 0, note: str = "") -> Record:
+    """Record i with its known load as a fit found it."""
+    error = fit.problem.load_error(fit.z, i)
+    if not error.size:
+        return record
+    load = record.known_force + error if record.known_force.size else error
+    return record._with_changes(note, channels={**record.channels, "load": load})
 
 
 def _with_long_strokes(run: Run, motion: SmoothedMotion) -> Run:

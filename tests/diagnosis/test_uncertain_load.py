@@ -5,6 +5,10 @@ import pytest
 from diagnosis_cases import among
 
 import dryfric_control as dfc
+from dryfric_control.diagnosis.invariants import in_free_runs
+from dryfric_control.diagnosis.problem import Problem
+from dryfric_control.estimation.likelihood import prepare
+from dryfric_control.estimation.windows import cut
 
 AXIS = dfc.FrictionAxis(mass=1.0, viscous=2.0, coulomb=3.0)
 T = 2e-3 * np.arange(4000)
@@ -41,6 +45,19 @@ def test_a_cause_beside_a_load_that_is_off_is_found_and_the_load_corrected():
     off = found.record.known_load - record.known_load
     np.testing.assert_allclose(off, 1.2 * ERRORS[0], atol=0.03)  # a hundredth of the level
     assert "within what it may be off" in found.record.notes[-1]
+
+
+def test_free_runs_are_under_the_load_that_was_found():
+    """Else what the load is off hides a cause that is small beside it."""
+    machine = AXIS.replace(effects=(dfc.effects.Spring(stiffness=0.1, rest=0.3),))
+    record = recorded(machine)
+    runs = (prepare(record, load_errors=ERRORS),)
+    problem = Problem(AXIS, runs, windows=(cut(record, 0.25, "zero"),))
+    less = problem.fit(AXIS)
+    more = problem.fit(machine, ("spring.stiffness",))
+    fall, error = in_free_runs(problem, less, more)
+    # Logarithms of squares: the errors fall by a factor of more than 4, beside the wrong load of 1.3.
+    assert fall > 3.0 and fall > 2.0 * error
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,8 @@ right      model without errors: friction of each joint by `fit`, over the truth
 wrong      link masses 10 % off and a payload the model does not know; one joint with a play
 pinocchio  the same as `right`, the log made by Pinocchio with friction by our own steps
 sysid      beside `mujoco.sysid`: parameters, a replayed log, seconds of a core
-diagnose   `diagnose_arm` on the log of `wrong`: what is named
+diagnose   `diagnose_arm` on the log of `wrong`: what is named, and percent off in Coulomb level and
+           friction RMS
 """
 
 from __future__ import annotations
@@ -71,6 +72,24 @@ def joints(records: dfc.arm.ArmRecords, truth: arm_truth.Truth) -> dict[str, tup
     return rows
 
 
+def diagnosed(
+    seed: int, model: mujoco.MjModel, log: dict[str, np.ndarray], truth: arm_truth.Truth
+) -> None:
+    """What `diagnose_arm` names in a log, and the friction that it leaves each joint with."""
+    start = time.process_time()
+    found = dfc.diagnose_arm(model, log, progress=False, jobs=1)
+    print(f"seed {seed}, {time.process_time() - start:.0f} s of a core:",
+          "; ".join(e.sentence for e in found.model_errors if e.named) or "nothing")  # fmt: skip
+    for j, (name, one) in enumerate(found.items()):
+        own, v = truth.friction[j], found.corrected.motion.v[:, j]
+        off = friction_error(one.extended, own, v[np.abs(v) > 0.02])
+        level = one.extended.coulomb.mean / own.level - 1.0
+        causes = ", ".join(cause.effect for cause in one.causes) or "none"
+        print(f"  {name:8s}{100 * level:8.2f}{100 * off:8.2f}  {one.verdict}: {causes}", flush=True)
+    for name, why in found.failed.items():
+        print(f"  {name}: {why}")
+
+
 def shown(seed: int, rows: dict[str, tuple[float, ...]]) -> None:
     print(f"seed {seed}: percent off in Coulomb level, viscous, friction RMS; seconds")
     for name, row in rows.items():
@@ -117,9 +136,7 @@ def main() -> None:
             arm_sysid.compare(model, log, truth, seed)
             continue
         if chosen.what == "diagnose":
-            start = time.perf_counter()
-            print(dfc.diagnose_arm(model, log, progress=False, jobs=1).summary())
-            print(f"{time.perf_counter() - start:.0f} s", flush=True)
+            diagnosed(seed, model, log, truth)
             continue
         start = time.process_time()
         records = dfc.arm_records(model, log)

@@ -51,6 +51,7 @@ def simulate(truth: arm_truth.Truth, seed: int, seconds: float = 20.0, dt: float
     n, sub, h = round(seconds / dt), round(dt / arm_truth.FINE), arm_truth.FINE
     q, v = (one.copy() for one in path(0.0))
     x, u, last = np.empty((n, 6)), np.empty((n, 6)), q.copy()
+    acceleration = np.zeros(6)
     for k in range(n):
         x[k] = quantum * np.round((q + 0.3 * quantum * rng.standard_normal(6)) / quantum)
         wanted, rate = path(k * dt)
@@ -58,11 +59,15 @@ def simulate(truth: arm_truth.Truth, seed: int, seconds: float = 20.0, dt: float
         last = x[k]
         for _ in range(sub):
             bias = pin.nonLinearEffects(model, data, q, v)
-            inverse = np.linalg.inv(np.asarray(pin.crba(model, data, q)))
-            carried = np.abs(u[k] + bias)
+            inertia = np.asarray(pin.crba(model, data, q))
+            inverse = np.linalg.inv(inertia)
+            others = inertia @ acceleration - np.diag(inertia) * acceleration
+            carried = np.abs(u[k] + bias + others)
             most = level * (1.0 + excess * np.exp(-((v / speed) ** 2))) + by_load * carried
             free = v + h * inverse @ (u[k] - bias - viscous * v)
-            v = _stopped(free, inverse, h * most)
+            new = _stopped(free, inverse, h * most)
+            acceleration = (new - v) / h
+            v = new
             q = q + h * v
     log = {"time": dt * np.arange(n)}
     for j, name in enumerate(arm_truth.JOINTS):

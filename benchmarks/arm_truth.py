@@ -2,9 +2,11 @@
 
 The size is that of a UR5e, the numbers are our own.  Friction of a joint::
 
-    F = c (1 + s exp(-(v/vs)^2)) + k |u - e|,   e = -(gravity and Coriolis force)
+    F = c (1 + s exp(-(v/vs)^2)) + k |u - e|
 
-set before each step as `frictionloss`, which MuJoCo holds at rest, and a viscous part as `damping`.
+with the torque e by which the arm acts on the joint: gravity, Coriolis force and the accelerations
+of the other joints, as a gear carries them all.  The level is set before each step as
+`frictionloss`, which MuJoCo holds at rest, and a viscous part as `damping`.
 One joint may have a play between its motor, with drive and encoder, and its link, with friction.
 """
 
@@ -119,6 +121,19 @@ def reference(rng: np.random.Generator) -> Any:
     return at
 
 
+def torque_of_others(model: Any, data: Any, dofs: Floats) -> Floats:
+    """Torque that each joint needs for the accelerations of the others."""
+    import mujoco
+
+    found, torque = np.empty(dofs.size), np.empty(model.nv)
+    for j, dof in enumerate(dofs):
+        others = data.qacc.copy()
+        others[dof] = 0.0
+        mujoco.mj_mulM(model, data, torque, others)
+        found[j] = torque[dof]
+    return found
+
+
 def simulate(truth: Truth, seed: int, seconds: float = 20.0, dt: float = 2e-3) -> dict[str, Floats]:
     """One log of all joints: time, positions and torques."""
     import mujoco
@@ -149,7 +164,8 @@ def simulate(truth: Truth, seed: int, seconds: float = 20.0, dt: float = 2e-3) -
         for _ in range(sub):
             v = data.qvel[dofs]
             peak = 1.0 + excess * np.exp(-((v / speed) ** 2))
-            carried = np.abs(u[k] + data.qfrc_bias[dofs])
+            others = torque_of_others(model, data, dofs)
+            carried = np.abs(u[k] + data.qfrc_bias[dofs] + others)
             model.dof_frictionloss[dofs] = level * peak + by_load * carried
             data.qfrc_applied[driven] = u[k]
             if truth.play:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dryfric_control.arm.arm_records import ArmRecords, arm_records
-from dryfric_control.arm.model_errors import ModelError
+from dryfric_control.arm.model_errors import ModelError, load_errors, undirected
 from dryfric_control.arm.rigid_model import OF_LINKS
 from dryfric_control.checks import check_boolean, one_of, positive
 from dryfric_control.diagnosis.joints import JointDiagnoses, diagnose_joints
@@ -40,6 +40,11 @@ class ArmDiagnoses(JointDiagnoses):
     corrected: ArmRecords = stated(
         "Records with the coupling of the corrected model.", kw_only=True
     )
+    undirected: tuple[str, ...] = stated(
+        "Joints whose positions and drives may both have the other sign: the log fits as well.",
+        default=(),
+        kw_only=True,
+    )
 
     def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         named = [error for error in self.model_errors if error.named]
@@ -50,12 +55,18 @@ class ArmDiagnoses(JointDiagnoses):
         unsure = [error.link for error in self.model_errors if not error.named]
         if unsure:
             yield f"model: the motion does not separate the masses of {', '.join(unsure)}"
+        if self.undirected:
+            yield (
+                f"log: it does not show the direction of {', '.join(self.undirected)}: with the "
+                "other sign of both position and drive it fits as well"
+            )
         yield from super()._summary_parts()
 
     def to_dict(self) -> dict[str, Any]:
-        """`Diagnosis.to_dict` of each joint under "joints", beside the errors of the model."""
+        """`Diagnosis.to_dict` of each joint under "joints", beside what is said of the arm."""
         return {
             "model": [error.to_dict() for error in self.model_errors],
+            "undirected": list(self.undirected),
             "joints": super().to_dict(),
         }  # fmt: skip
 
@@ -118,12 +129,16 @@ def diagnose_arm(
 
     Errors of the log are found beside them: the scale of a drive, and a joint whose samples are
     behind those of the others (5 ms standard deviation before the log is seen), by the force of
-    the model along the motion at shifted instants.  Samples in which another joint starts or stops
+    the model along the motion at shifted instants.  A joint whose position and drive both have the
+    wrong sign moves as before but for its load: where that is too small to show it, `undirected`
+    names the joint.  Samples in which another joint starts or stops
     are left out where half of them remain: the smoothing smears its acceleration.
 
-    Then each joint is diagnosed beside the coupling torque of the corrected model.  A gravity and
-    a gain of the drive are no causes of a single joint there.  A joint that
-    cannot be diagnosed does not end the others: it is in `failed`.
+    Then each joint is diagnosed beside the coupling torque of the corrected model.  What the log
+    does not show about masses, centres and a payload leaves that torque uncertain: it may change
+    by so much in every joint, and only what is beyond it is a cause.  A gravity and a gain of the
+    drive are no causes of a single joint there.  A joint that cannot be diagnosed does not end the
+    others: it is in `failed`.
 
     Examples
     --------
@@ -152,6 +167,7 @@ def diagnose_arm(
             _check_window(joint, record, window, hold)
     errors = () if MODEL in names else nominal.model_errors(anyway=anyway)
     corrected = nominal.without(errors) if errors else nominal
+    unsure = None if MODEL in names else load_errors(corrected)
     found = diagnose_joints(
         corrected,
         known=_known_of_joints(names),
@@ -163,9 +179,15 @@ def diagnose_arm(
         jobs=jobs,
         progress=progress,
         anyway=anyway,
+        load_errors=unsure,
     )
     return ArmDiagnoses(
-        found.diagnoses, found.failed, model_errors=errors, nominal=nominal, corrected=corrected
+        found.diagnoses,
+        found.failed,
+        model_errors=errors,
+        nominal=nominal,
+        corrected=corrected,
+        undirected=undirected(corrected),
     )
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from dryfric_control.arm.rigid_model import Link, Motion
-from dryfric_control.arm.wrong_log import HARDLY, Remains, why_not_this_log
+from dryfric_control.arm.wrong_log import HARDLY, Remains, undirected_joints, why_not_this_log
 from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.estimation.force_residual import Sliding, directions
 from dryfric_control.records.record_warning import warn
@@ -81,6 +81,10 @@ _STEPS = 8
 _SETTLED_CLOCK = 3e-4
 # Part of the rows that must be left without those in which another joint starts or stops.
 _LEAST_ROWS = 0.5
+# Most directions in which the load of a joint may be off.
+_MOST_DIRECTIONS = 4
+# Deviation of the load over the standard error of the linear model, whose friction is approximate.
+_DEVIATIONS = 2.0
 # Most samples of a joint.
 _MOST = 3000
 # The same where the log is compared with other readings.
@@ -277,6 +281,52 @@ def _search_errors(records: ArmRecords) -> tuple[tuple[ModelError, ...], list[st
     return (*late.values(), *found), regression.unlikely_links(chosen)
 
 
+def undirected(records: ArmRecords) -> tuple[str, ...]:
+    """Joints of which the log does not show the direction.
+
+    Parameters
+    ----------
+    records : ArmRecords
+        Records with the coupling of the corrected model.
+    """
+    with threadpool_limits(1):
+        return undirected_joints(records, _what_remains)
+
+
+def load_errors(records: ArmRecords) -> dict[str, Floats]:
+    """What the coupling of each joint may still be off, each shape (k, n).
+
+    The covariance of all masses, centres and payloads beside the friction of the joints, as forces
+    at each sample: the largest independent directions, each by one standard deviation.  What the
+    inertia of the joint makes up for is left out.
+
+    Parameters
+    ----------
+    records : ArmRecords
+        Records with the coupling of the corrected model.
+    """
+    arm = records.arm
+    links = arm.links()
+    payloads = {link.name: Compact() for link in links if link.last}
+    found = {}
+    with threadpool_limits(1):
+        rows = sliding_rows(records, links, clocks=False)
+        regression = Regression(rows, link_groups(rows.regressor, links, payloads))
+        root = _DEVIATIONS * regression.root_of_covariance()
+        for j, joint in enumerate(records):
+            motion = records.motion_of(joint)
+            matrix = arm.regression_matrix(motion, links)[:, j]
+            a = motion.a[:, j]
+            groups = link_groups(matrix, links, payloads)
+            force = np.concatenate([one.columns for one in groups], axis=1) @ root
+            force -= np.outer(a, a @ force / max(float(a @ a), 1e-300))
+            series, sizes, _ = np.linalg.svd(force, full_matrices=False)
+            some = (series * sizes)[:, sizes > 0.0][:, :_MOST_DIRECTIONS].T
+            # As the load of a record: the mean over each sample.
+            found[joint] = 0.5 * (some + np.append(some[:, 1:], some[:, -1:], axis=1))
+    return found
+
+
 def _regression_of(records: ArmRecords) -> Regression:
     """The linear model, with payloads about their places."""
     links = records.arm.links()
@@ -409,13 +459,13 @@ def _force_of_delays(records: ArmRecords, joint: str, pick: Ints) -> Floats:
     return found
 
 
-def groups_of(
-    rows: Rows, links: Sequence[Link], joints: Sequence[str], payloads: Mapping[str, Compact]
+def link_groups(
+    regressor: Floats, links: Sequence[Link], payloads: Mapping[str, Compact]
 ) -> list[Group]:
-    """What may be wrong."""
+    """Masses, centres and payloads of links, by forces per inertial parameter, (n, k, 10)."""
     found = []
     for i, link in enumerate(links):
-        own = rows.regressor[:, i]
+        own = regressor[:, i]
         if link.mass > 0.0:
             found.append(Group("mass", link.name, own @ link.inertial[:, None], np.array([_MASS])))
             reach = _CENTRE * float(np.linalg.norm(link.inertial[1:4])) / link.mass + _CENTRE_MORE
@@ -424,6 +474,14 @@ def groups_of(
         if link.last:
             columns, spread = payloads[link.name].columns(own)
             found.append(Group("payload", link.name, columns, spread, payloads[link.name]))
+    return found
+
+
+def groups_of(
+    rows: Rows, links: Sequence[Link], joints: Sequence[str], payloads: Mapping[str, Compact]
+) -> list[Group]:
+    """What may be wrong."""
+    found = link_groups(rows.regressor, links, payloads)
     masses = np.concatenate([one.columns for one in found if one.kind == "mass"], axis=1)
     some = ", ".join(one.of for one in found if one.kind == "mass")
     found.append(Group("masses", some, masses, np.full(masses.shape[1], _MASS)))
@@ -584,6 +642,14 @@ class Regression:
             found[i] = Solved(mean[part], covariance[part, part])
             at = part.stop
         return found
+
+    def root_of_covariance(self) -> Floats:
+        """Root of the covariance of all groups together, a column each direction."""
+        pick = self._pick(range(len(self.groups)))
+        covariance = np.linalg.inv(self._information(pick))
+        own = self.rows.own.shape[1]
+        values, vectors = np.linalg.eigh(covariance[own:, own:])
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
     def errors(self, chosen: Sequence[int]) -> Iterator[ModelError]:
         """The chosen groups as errors of the model and of the log."""

@@ -68,9 +68,9 @@ def joint_figure(found: ArmDiagnoses, joint: str) -> str:
 def draw_joint(found: ArmDiagnoses, joint: str, left: Any, right: Any) -> None:
     """Draw friction over velocity, and the drive as measured and as two models need it."""
     nominal = found.nominal[joint]
-    corrected = found.corrected[joint]
     axis = found[joint].extended
-    record = corrected[1]
+    # With the load as the joint itself shows it.
+    record = found[joint].record
     length, force = axis.units
     sliding = Sliding(record, _SHOWN)
     bare = axis.replace(coulomb=0.0, viscous=0.0, stribeck=None, effects=())

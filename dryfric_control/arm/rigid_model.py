@@ -237,7 +237,8 @@ class RigidArm:
         other.model = copy.copy(self.model)
         other._data = _import_mujoco().MjData(other.model)
         links = {link.name: link for link in self.links()}
-        for error in errors:
+        # A payload comes last: the factor of a link's mass is not one of what it carries.
+        for error in sorted(errors, key=lambda one: one.kind == "payload"):
             if error.kind in OF_LINKS:
                 other._change_link(links[error.link], error)
         return other

@@ -109,6 +109,25 @@ def why_not_this_log(
     )
 
 
+def undirected_joints(
+    records: ArmRecords, remains: Callable[[ArmRecords], Remains]
+) -> tuple[str, ...]:
+    """Joints whose positions and drives, both with the opposite sign, fit as well.
+
+    Inertia and friction of a joint are the same then: only its load, and that of others by its
+    motion, has a direction.
+
+    Parameters
+    ----------
+    records : ArmRecords
+    remains : callable
+        How well masses and friction explain the drives.
+    """
+    most = remains(records).part + _ALONE
+    turned = ((joint, remains(_signed(records, joint, x=-1.0, u=-1.0))) for joint in records)
+    return tuple(joint for joint, left in turned if left.likely and left.part < most)
+
+
 def _readings(records: ArmRecords, wrong: Sequence[Scale]) -> Iterator[Reading]:
     """Readings that a user may have meant."""
     if wrong:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
 from dryfric_control._version import __version__
@@ -34,7 +34,7 @@ from dryfric_control.diagnosis.inputs import (
     with_input_lead,
 )
 from dryfric_control.diagnosis.invariants import is_pressed_to_bound
-from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
+from dryfric_control.diagnosis.problem import Problem, each_of, noises_of, with_found_load
 from dryfric_control.diagnosis.remaining import Remaining, remaining_force
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import LATE
@@ -50,7 +50,7 @@ from dryfric_control.diagnosis.thresholds import (
     REMAINING_GAIN_RATIO,
 )
 from dryfric_control.diagnosis.verdict import Judged, judge_fit, shows
-from dryfric_control.estimation.likelihood import prepare
+from dryfric_control.estimation.likelihood import LOAD_ERROR, prepare
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge
 from dryfric_control.estimation.plausibility import (
     check_plausible,
@@ -129,6 +129,7 @@ def diagnose(
     progress: bool | None = None,
     on_update: Callable[[str, tuple[str, ...]], None] | None = None,
     anyway: bool = False,
+    load_errors: ArrayLike | None = None,
 ) -> Diagnosis:
     """Find where simulation and measurement differ, and why.
 
@@ -162,6 +163,9 @@ def diagnose(
         Called with the name of each step and the causes found so far.
     anyway : bool, optional
         Whether to go on, with a warning, where a record certainly has a wrong unit or sign.
+    load_errors : array_like, shape (k, n), optional
+        What the known load of one record may be off: forces at each sample, each by one standard
+        deviation, independent of each other.  What they explain is no cause.
 
     Returns
     -------
@@ -233,6 +237,7 @@ def diagnose(
     axis = axis.effective()
     several = isinstance(record, (list, tuple))
     records = list(checked_records(record))
+    loads = checked_load_errors(load_errors, records)
     window = _window(axis, records) if window is None else window
     windows = []
     for i, one in enumerate(records):
@@ -249,7 +254,7 @@ def diagnose(
 
         problem = Problem(
             axis,
-            tuple(prepare(r, mass=axis.mass) for r in records),
+            tuple(prepare(r, mass=axis.mass, load_errors=loads) for r in records),
             known,
             tolerance,
             hold=hold,
@@ -318,6 +323,7 @@ class _Answer:
         self.tell("all data", self.model.causes)
         final = self.law = self._final_fit()
         self._shift_records(final)
+        self._correct_load(final)
         rivals = self.search.alternatives(self.model)
         self.causes = causes_of(self.search, self.model, final, rivals)
         self.tell("replays", self.model.causes)
@@ -367,7 +373,11 @@ class _Answer:
             varies=self.varies,
             others=tuple(self.records[1:]),
             not_tried=dict(search.not_tried),
-            standard_errors=final.standard_errors(),
+            standard_errors={
+                name: error
+                for name, error in final.standard_errors().items()
+                if not name.startswith(LOAD_ERROR)
+            },
         )
 
     def _final_fit(self) -> Solution:
@@ -399,6 +409,17 @@ class _Answer:
             f"the recorded input acts {early} before its time stamp: d.record has it shifted"
         )
         self.records = [r.replace(u=delay_input(r.u, shift / r.dt)) for r in self.records]
+        self.windows = [cut(r, self.window, self.problem.hold) for r in self.records]
+
+    def _correct_load(self, final: Solution) -> None:
+        """Correct the known load of a record by what it was found to be off."""
+        error = final.problem.load_error(final.z, 0)
+        if not error.size:
+            return
+        off = float(np.sqrt(np.mean(error**2)))
+        unit = self.problem.believed.units[1]
+        note = f"load: corrected by {off:.2g} {unit} RMS, within what it may be off"
+        self.records = [with_found_load(final, self.records[0], note=note)]
         self.windows = [cut(r, self.window, self.problem.hold) for r in self.records]
 
     def _judge_fit(self, fit: Solution) -> None:
@@ -674,6 +695,22 @@ def _experiment(
     return next_experiment(final.axis, axes, record, names=[doubtful, *some])
 
 
+def checked_load_errors(load_errors: ArrayLike | None, records: Sequence[Record]) -> FloatArray:
+    """What the known load may be off, shape (k, n), read-only; k = 0 for nothing."""
+    if load_errors is None:
+        return np.zeros((0, len(records[0])))
+    errors = np.array(load_errors, dtype=float)
+    if len(records) > 1:
+        raise ValueError("load_errors are of one record: diagnose the records one by one")
+    if errors.ndim != 2 or errors.shape[1] != len(records[0]) or not np.isfinite(errors).all():
+        raise ValueError(
+            f"load_errors must be finite forces of shape (k, {len(records[0])}), one for each "
+            f"sample of the record, got shape {errors.shape}"
+        )
+    errors.setflags(write=False)
+    return errors
+
+
 def _window(axis: FrictionAxis, records: Sequence[Record]) -> float:
     """Length of free runs in which the friction shows above the noise of the readings.
 
@@ -824,7 +861,7 @@ def failure_entry(result: Any) -> dict[str, str]:
 def run_cases(
     function: Callable[[Any], Any],
     label: str,
-    named: Mapping[Any, tuple[FrictionAxis, tuple[Record, ...]]],
+    named: Mapping[Any, tuple[Any, ...]],
     *,
     window: float | None,
     hold: str,
@@ -837,13 +874,14 @@ def run_cases(
 ) -> dict[Any, Any]:
     """Run a diagnosis over axes with their records, each checked before any work.
 
-    A store identifies a case by its name, the data of its records and `own` of its axis.
+    A case is an axis, its records, and any arrays beside them.  A store identifies it by its name,
+    these data and `own` of its axis.
     A case that cannot be diagnosed has its exception for a result, unless all have.
     """
     check_boolean("anyway", anyway)
     cases: dict[Any, Any] = {}
     results: dict[Any, Any] = dict.fromkeys(named)
-    for name, (axis, records) in named.items():
+    for name, (axis, records, *more) in named.items():
         try:
             for record in records:
                 check_units(axis, record, f"{label}[{name!r}]")
@@ -858,7 +896,7 @@ def run_cases(
         for r in records:
             data += [r.t, r.u, r.x, r.reference, r.quantum, r.good]
         data += [r.known_load for r in records if r.known_load is not None]
-        cases[name, fingerprint(*data), *own(axis)] = axis, records
+        cases[name, fingerprint(*data, *more), *own(axis)] = axis, records, *more
     raise_failures(results, all_only=True)
     found = run_batch(
         function,

@@ -16,9 +16,14 @@ import numpy as np
 from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem
-from dryfric_control.estimation.likelihood import BASE_LOG_DEVIATION
+from dryfric_control.estimation.likelihood import BASE_LOG_DEVIATION, load_error_names
 from dryfric_control.estimation.parameters import SHIFT, values_of, with_values
-from dryfric_control.estimation.smoothed_motion import drive_at_the_mass, known_force, missing_force
+from dryfric_control.estimation.smoothed_motion import (
+    at_the_samples,
+    drive_at_the_mass,
+    known_force,
+    missing_force,
+)
 from dryfric_control.model.axis import FrictionAxis
 
 # Autocorrelation below which samples count as independent.
@@ -175,8 +180,14 @@ class ForceView(ModelView):
 
     def steps(self, names: Sequence[str]) -> Floats:
         found = []
+        errors = self._load_errors()
+        # Of an amount with a prior the size of the column counts, of others its direction.
+        keep = np.isin(names, list(errors))
         now = self._missing(self.axis)
         for name in names:
+            if name in errors:
+                found.append(-errors[name])
+                continue
             if name == SHIFT:
                 found.append(np.gradient(self.u))
                 continue
@@ -190,7 +201,21 @@ class ForceView(ModelView):
         if not found:
             return np.zeros((self.y.size, 0))
         columns = self.scale * self._smooth_forces(found)
-        return np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        return np.asarray(columns / np.where(keep, 1.0, size))
+
+    def _load_errors(self) -> dict[str, Floats]:
+        """Forces by which the known loads may be off, by the names of their amounts."""
+        runs = self.problem.runs
+        found = {}
+        for k, name in enumerate(load_error_names(runs)):
+            parts = [
+                at_the_samples(run.load_errors[k], self.problem.hold)
+                if k < len(run.load_errors) else np.zeros(len(run.record))
+                for run in runs
+            ]  # fmt: skip
+            found[name] = np.concatenate(parts)
+        return found
 
     def slopes(self, left: Floats) -> tuple[Floats, Floats]:
         at = 0

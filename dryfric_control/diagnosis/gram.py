@@ -23,7 +23,7 @@ from dryfric_control.diagnosis.candidates import (
 )
 from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.model_view import CHANGED, ModelView
-from dryfric_control.diagnosis.problem import Problem, noises_of
+from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
 from dryfric_control.diagnosis.thresholds import (
     MAX_CAUSES,
     MAX_JOINED_CAUSES,
@@ -44,6 +44,7 @@ from dryfric_control.estimation.likelihood import (
     Likelihood,
     Point,
     joint_nominal_error_cost,
+    load_error_names,
     nominal_error_cost,
 )
 from dryfric_control.estimation.parameters import values_of, with_values
@@ -179,7 +180,10 @@ class Gram:
         self.base = [n for n in problem.base if n in fit.problem.names]
         self.base = [n for n in self.base if n not in self._out_of_bounds()]
         self._now = values_of(here.axis, self.base)
-        own = here.steps([n for n in self.likelihood.names if n not in self.base])
+        others = [n for n in self.likelihood.names if n not in self.base]
+        own = here.steps(others)
+        # Standard deviations of load errors are known.
+        self._known_spread = np.isin(others, load_error_names(problem.runs))
         fixed = np.concatenate((here.base(self.base), own), axis=1) if self.base else own
         here.project_out(fixed)
         self.fixed, self._blocks = fixed.shape[1], [fixed]
@@ -219,6 +223,7 @@ class Gram:
             else 1e-6
             for n in self.base
         ]
+        ridge[len(self.base) :][self._known_spread] = 1.0
         self._ridge = ridge / np.maximum(self.scale[: self.fixed] ** 2, 1e-300)
         self._unit = 1.0
         self.g[np.diag_indices(self.fixed)] += self._ridge
@@ -256,7 +261,7 @@ class Gram:
         if spring is not None:
             bare = self.problem.remove_effects(axis, spring)
             free = [n for n in self.problem.free_of(self.fit) if not n.startswith(f"{spring}.")]
-            likelihood = self.problem.likelihood(bare, free)
+            likelihood = self.problem.likelihood(bare, free, each=each_of(self.fit))
             z = likelihood.start(noises=self.noises)
         return likelihood, z
 
@@ -354,7 +359,8 @@ class Gram:
     def _simulated(self, name: str, column: Column) -> Likelihood:
         """Likelihood of the model with a shape without force columns."""
         start = with_effect(self.here.axis, name, column.values((1.0,)))
-        return self.problem.likelihood(start.axis, (*self.problem.free_of(self.fit), *start.free))
+        free = (*self.problem.free_of(self.fit), *start.free)
+        return self.problem.likelihood(start.axis, free, each=each_of(self.fit))
 
     def _promising_shapes(self, tasks: Sequence[tuple[str, Column]]) -> list[tuple[str, Column]]:
         """Of each effect the likeliest shapes on the stretch with the fastest strokes.
@@ -414,7 +420,8 @@ class Gram:
     @cached_property
     def _levels(self) -> list[float]:
         """The same of the model: a cost says nothing beside one at another random force."""
-        likelihood = self.problem.likelihood(self.fit.axis, self.problem.free_of(self.fit))
+        fit, free = self.fit, self.problem.free_of(self.fit)
+        likelihood = self.problem.likelihood(fit.axis, free, each=each_of(fit))
         return self._costs(likelihood, self._parts)
 
     def _predicted_gains(
@@ -857,7 +864,8 @@ class Gram:
                 # The numbers of the usual form are no guide to what it holds.
                 own = (*free, *(n for name in names for n in held_by(name)))
             try:
-                likelihood = self.problem.likelihood(axis, (*self.problem.free_of(self.fit), *own))
+                every = (*self.problem.free_of(self.fit), *own)
+                likelihood = self.problem.likelihood(axis, every, each=each_of(self.fit))
             except ValueError:
                 continue
             remembers = tuple(n for n in own if n.startswith(memory))

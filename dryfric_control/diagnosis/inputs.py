@@ -116,7 +116,7 @@ def with_input_lead(problem: Problem, fit: Solution) -> tuple[Problem, Solution]
 
 def imposed_search(problem: Problem, tell: Callable[..., None]) -> Search | None:
     """A search in the view of the force; None if the drive is not what the motion requires."""
-    runs = tuple(prepare_force(r.record, problem.hold) for r in problem.runs)
+    runs = tuple(prepare_force(r.record, problem.hold, r.load_errors) for r in problem.runs)
     force = replace(problem, runs=runs, view=ForceView)
     fit = Search(force).fit_nominal()
     if len(runs) > 1:

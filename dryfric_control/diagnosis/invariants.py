@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.candidates import free_amounts, is_within_records
-from dryfric_control.diagnosis.problem import Problem
+from dryfric_control.diagnosis.problem import Problem, with_found_load
 from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
 from dryfric_control.estimation.force_residual import net_drive
 from dryfric_control.estimation.solution import Solution
@@ -106,12 +107,16 @@ def _loss(fit: Solution, name: str, neutral: float) -> float:
 
 
 def in_free_runs(problem: Problem, less: Solution, more: Solution) -> tuple[float, float]:
-    """Fall of the mean score of unseen free runs that a cause brings, and its standard error."""
+    """Fall of the mean score of unseen free runs that a cause brings, and its standard error.
+
+    Each model runs under the load that it was fitted with.
+    """
     falls = []
     for i, w in enumerate(problem.windows):
         moving = w.moving
         if not problem.is_imposed and moving.any():
-            runs = [w.cross_validate(*fit.held_out_axes(i), moving) for fit in (less, more)]
+            pairs = [(replace(w, record=with_found_load(f, w.record, i)), f) for f in (less, more)]
+            runs = [one.cross_validate(*fit.held_out_axes(i), moving) for one, fit in pairs]
             before, after = (w.scores(run.costs)[moving] for run in runs)
             falls.append(before - after)
     fall = np.concatenate(falls) if falls else np.zeros(0)

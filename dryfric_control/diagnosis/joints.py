@@ -8,8 +8,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from numpy.typing import ArrayLike
+
+from dryfric_control.arrays import Floats
 from dryfric_control.checks import instance, positive
-from dryfric_control.diagnosis.diagnose import NOT_DIAGNOSED, diagnose, failure_entry, run_cases
+from dryfric_control.diagnosis.diagnose import (
+    NOT_DIAGNOSED,
+    checked_load_errors,
+    diagnose,
+    failure_entry,
+    run_cases,
+)
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import with_error
 from dryfric_control.estimation.likelihood import BASE
@@ -126,6 +135,7 @@ def diagnose_joints(
     jobs: int | None = None,
     progress: bool = True,
     anyway: bool = False,
+    load_errors: Mapping[str, ArrayLike] | None = None,
 ) -> JointDiagnoses:
     """Diagnose the joints of a machine, in parallel and resumable.
 
@@ -145,6 +155,8 @@ def diagnose_joints(
     anyway : bool, optional
         Whether to go on where a record certainly has a wrong unit or sign, see `diagnose`; else its
         joint is in `failed`.
+    load_errors : mapping of str to array_like, optional
+        What the known load of a joint may be off, by its name, see `diagnose`.
 
     Returns
     -------
@@ -189,12 +201,18 @@ def diagnose_joints(
     known, tolerance = checked_knowledge(known, tolerance)
     if time_limit is not None:
         time_limit = positive("time_limit", time_limit, unit="s")
-    cases: dict[Any, tuple[FrictionAxis, tuple[Record, ...]]] = {}
+    cases: dict[Any, tuple[Any, ...]] = {}
+    load_errors = dict(load_errors or {})
+    for name in load_errors:
+        if name not in joints:
+            raise ValueError(f"load_errors: {name!r} is no joint; they are {', '.join(joints)}")
     for name, pair in joints.items():
         if not isinstance(pair, (tuple, list)) or len(pair) != 2:
             raise ValueError(f"joints[{name!r}] must be (axis, records), got {pair!r}")
         instance(f"joints[{name!r}][0]", pair[0], FrictionAxis)
-        cases[name] = pair[0], checked_records(pair[1], f"joints[{name!r}][1]")
+        records = checked_records(pair[1], f"joints[{name!r}][1]")
+        errors = checked_load_errors(load_errors.get(name), records)
+        cases[name] = pair[0], records, errors
     options = {"known": list(known), "tolerance": dict(tolerance), "time_limit": time_limit}
     free_runs: dict[str, Any] = {"window": window, "hold": hold}
     task = functools.partial(_diagnose_joint, options | free_runs | {"anyway": anyway})
@@ -208,8 +226,12 @@ def diagnose_joints(
     return JointDiagnoses({name: from_plain(one, _SAVED) for name, one in done.items()}, failed)
 
 
-def _diagnose_joint(options: dict[str, Any], case: tuple[FrictionAxis, tuple[Record, ...]]) -> Any:
-    axis, records = case
+def _diagnose_joint(
+    options: dict[str, Any], case: tuple[FrictionAxis, tuple[Record, ...], Floats]
+) -> Any:
+    axis, records, errors = case
     record = records[0] if len(records) == 1 else records
+    if len(errors):
+        options = options | {"load_errors": errors}
     # Joints already run in parallel.
     return to_plain(diagnose(axis, record, jobs=1, progress=False, **options), _SAVED)

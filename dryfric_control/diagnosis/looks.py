@@ -203,6 +203,7 @@ class ProposalFits:
                 or turns >= COMPARISON_ITERATIONS
             ):
                 self.rows.append(self._restore_base(self._row(last, fit), last.proposal.held))
+                waiting += self._without_rejected(replace(last, fit=fit), proposals)
                 top = self._top()
             else:
                 waiting.append(PartialFit(last.proposal, fit, hope, last.first, turns))
@@ -260,6 +261,25 @@ class ProposalFits:
         tried = {frozenset(one.names) for some in (proposals, self.rows) for one in some}
         rest = [one for one in rest if frozenset(one.names) not in tried]
         return [*found, *self._first_fits(rest, proposals)] if rest else found
+
+    def _without_rejected(
+        self, look: PartialFit, proposals: Sequence[Proposal]
+    ) -> list[PartialFit]:
+        """First looks of a joined proposal without those of its causes that its fit rejects.
+
+        The others may have been too far off to gain alone, where they were proposed.
+        """
+        one = look.proposal
+        lost = [
+            n
+            for n in one.names
+            if rejection_reason(self.problem, look.fit, n, _cause_parameters(one.free, n))
+        ]
+        if not 0 < len(lost) < len(one.names):
+            return []
+        rest = self._rest(look, lost)
+        fitted = {frozenset(row.names) for row in self.rows}
+        return [] if frozenset(rest.names) in fitted else self._first_fits([rest], proposals)
 
     def _first_fit(self, one: Proposal) -> PartialFit | None:
         problem = self.problem

@@ -150,8 +150,9 @@ class ModelView:
 
     @cached_property
     def carried(self) -> Floats:
-        """Load of the transmission: the drive after its gain and limits, and the force effects."""
-        return net_drive(self.axis, self.x, self.v, self.u, ("input", "force"))
+        """Load of the transmission: the drive after its gain and limits, less the other forces."""
+        forces = net_drive(self.axis, self.x, self.v, self.u, ("input", "force")) - self.drive
+        return self.drive - forces - (self.load if self.load.size else 0.0)
 
     @cached_property
     def drive(self) -> Floats:

@@ -30,7 +30,13 @@ from dryfric_control.diagnosis.thresholds import (
     SEARCH_REVERSALS,
 )
 from dryfric_control.estimation.force_view import ForceView
-from dryfric_control.estimation.likelihood import BASE, NORMAL_VARIANCE_RATIO, Likelihood, Run
+from dryfric_control.estimation.likelihood import (
+    BASE,
+    NORMAL_VARIANCE_RATIO,
+    Likelihood,
+    Run,
+    load_error_names,
+)
 from dryfric_control.estimation.parameters import SHIFT, Scales, typical, values_of, with_values
 from dryfric_control.estimation.scoring import COMPARISON_ITERATIONS, maximise
 from dryfric_control.estimation.smoothed_motion import SmoothedMotion
@@ -39,6 +45,7 @@ from dryfric_control.estimation.windows import Windows
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named, put, renumber_names
 from dryfric_control.model.friction import CoulombMap
+from dryfric_control.records.record import Record
 
 FloatArray = NDArray[np.float64]
 
@@ -183,7 +190,8 @@ class Problem:
         """Likelihood of an axis with the base and further parameters free."""
         clock = () if self.shift is None else (SHIFT,)
         base = self.base if base is None else base
-        names = tuple(dict.fromkeys((*base, *clock, *self.also, *free)))
+        loads = load_error_names(self.runs)
+        names = tuple(dict.fromkeys((*base, *clock, *self.also, *free, *loads)))
         # Effects on the base become part of it, unless they are free.
         owners = {name.partition(".")[0] for name in names}
         effects = named(axis).items()
@@ -285,7 +293,7 @@ class Problem:
 
     def free_of(self, now: Solution) -> tuple[str, ...]:
         """Free parameters of the effects of a model."""
-        others = (*self.base, SHIFT, *self.also)
+        others = (*self.base, SHIFT, *self.also, *load_error_names(self.runs))
         return tuple(dict.fromkeys(n for n in now.problem.names if n not in others))
 
     def free_without(self, free: Sequence[str], *names: str) -> tuple[str, ...]:
@@ -313,6 +321,15 @@ def each_of(fit: Solution) -> dict[tuple[str, int], float]:
     """Values of the parameters that every record has of its own."""
     rows = zip(fit.problem.parameters, fit.problem.place, fit.z, strict=False)
     return {(one.name, i): one.value(c) for one, i, c in rows if i >= 0}
+
+
+def with_found_load(fit: Solution, record: Record, i: int = 0, note: str = "") -> Record:
+    """Record i with its known load as a fit found it."""
+    error = fit.problem.load_error(fit.z, i)
+    if not error.size:
+        return record
+    load = record.known_force + error if record.known_force.size else error
+    return record._with_changes(note, channels={**record.channels, "load": load})
 
 
 def _with_long_strokes(run: Run, motion: SmoothedMotion) -> Run:

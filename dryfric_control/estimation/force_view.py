@@ -10,7 +10,7 @@ overstates is corrected by the blocks of the record, in standard errors and on h
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from dryfric_control.arrays import Floats, Ints
 from dryfric_control.compiled.likelihood import FIRST
 from dryfric_control.compiled.windowed_runs import contact_deflection
-from dryfric_control.estimation.force_residual import Sliding
+from dryfric_control.estimation.force_residual import Sliding, held_mean
 from dryfric_control.estimation.likelihood import Likelihood, Run, prepare
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
@@ -34,6 +34,7 @@ class ForceRun(Run):
 
     sliding: Sliding  # its sliding samples, with their smoothed motion
     index: Ints  # their indices in the record, shape (nsliding,)
+    hold: str  # how the drive runs between samples
 
     def force_residual(self, axis: FrictionAxis) -> Floats:
         """Force that the axis would need in addition to its drive, shape (nsliding,)."""
@@ -55,9 +56,16 @@ class ForceRun(Run):
         return np.asarray(0.5 * ((1.0 + share) * ahead + (1.0 - share) * back))
 
 
-def prepare_force(record: Record, hold: str = "zero") -> ForceRun:
-    """A record prepared for the force view: its sliding samples are active."""
+def prepare_force(
+    record: Record, hold: str = "zero", load_errors: Floats | None = None
+) -> ForceRun:
+    """A record prepared for the force view: its sliding samples are active.
+
+    `load_errors`: what its known load may be off, see `Run`.
+    """
     run = prepare(record, block=_BLOCK)
+    if load_errors is not None:
+        run = replace(run, load_errors=load_errors)
     sliding = Sliding(record)
     index = np.searchsorted(record.t, sliding.t)
     if hold == "first":
@@ -68,7 +76,7 @@ def prepare_force(record: Record, hold: str = "zero") -> ForceRun:
     active[index] = True
     active[: FIRST + 1] = False
     given: dict[str, Any] = {f.name: getattr(run, f.name) for f in fields(Run)}
-    return ForceRun(**given | {"active": active}, sliding=sliding, index=index)
+    return ForceRun(**given | {"active": active}, sliding=sliding, index=index, hold=hold)
 
 
 class ForceView(Likelihood):
@@ -97,7 +105,11 @@ class ForceView(Likelihood):
         run = self.runs[i]
         axis = self.axis_at(z, i)
         n = len(run.record)
-        left = run.force_residual(axis) / run.sliding.answer_to_drive(axis)
+        left = run.force_residual(axis)
+        error = self.load_error(z, i)
+        if error.size:
+            left -= (held_mean(error) if run.hold == "zero" else error)[run.index]
+        left /= run.sliding.answer_to_drive(axis)
         out = np.zeros((2, n))
         state = np.zeros((6, n))
         out[0, run.index], out[1, run.index] = left, self.noises(z, i)[0]

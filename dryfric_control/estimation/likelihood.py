@@ -44,6 +44,10 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IndexArray = NDArray[np.intp]
 
+#: Amounts of what a known load may be off, of each record its own: "load_error[0]", ...
+LOAD_ERROR = "load_error"
+# What a load may be off, of a record whose load is right.
+_RIGHT_LOAD = np.zeros((0, 0))
 #: Base parameters, which have a prior unless they are known.
 BASE = ("mass", "viscous", "coulomb")
 #: Prior standard deviation of a base parameter's logarithm: a factor of 2 is two standard
@@ -146,6 +150,8 @@ class Run:
     floor: float  # lower bound of the variance of a reading
     # RMS of the input, or the force of the motion if more: the scale of the random force.
     drive: float
+    # What the known load may be off, each row by one standard deviation, shape (k, n).
+    load_errors: FloatArray = field(default_factory=lambda: _RIGHT_LOAD, kw_only=True)
 
     def on_stretch(self, start: int, end: int) -> Run:
         """The record on the samples from `start` to before `end` alone."""
@@ -154,12 +160,23 @@ class Run:
         return replace(self, active=active, pieces=((start, end),))
 
 
+def load_error_names(runs: Sequence[Run]) -> tuple[str, ...]:
+    """Names of the amounts of what the known loads of some records may be off."""
+    most = max((len(run.load_errors) for run in runs), default=0)
+    return tuple(f"{LOAD_ERROR}[{k}]" for k in range(most))
+
+
 def prepare(
-    record: Record, active: BoolArray | None = None, block: float = _BLOCK_LENGTH, mass: float = 0.0
+    record: Record,
+    active: BoolArray | None = None,
+    block: float = _BLOCK_LENGTH,
+    mass: float = 0.0,
+    load_errors: FloatArray = _RIGHT_LOAD,
 ) -> Run:
     """A record prepared for the filter; all samples active by default, `block` in s.
 
     The force of its motion, `mass` v^2 over its length, is the scale where the drive is less.
+    `load_errors`: what its known load may be off, see `Run`.
     """
     n = len(record)
     size = max(1, round(block / record.dt))
@@ -194,6 +211,7 @@ def prepare(
         ((0, n),),
         floor,
         drive,
+        load_errors=load_errors,
     )
 
 
@@ -260,8 +278,11 @@ class Likelihood:
         self.runs, self.shift, self.each = tuple(runs), shift, dict(each or {})
         records = [r.record for r in self.runs]
         found: tuple[Parameter, ...] = ()
+        loads = [name for name in load_error_names(self.runs) if name in free]
+        free = [name for name in free if name not in loads]
         if free:
             axis, found = choose(axis, free, scales or typical(records))
+        found += tuple(Parameter(n, "", -math.inf, math.inf, False, 1.0) for n in loads)
         self.axis = axis
         self._made: tuple[dict[str, float], FrictionAxis] = {}, axis
         self.first = hold == "first"
@@ -271,12 +292,15 @@ class Likelihood:
         self.parameters: list[Parameter] = []
         self.place: list[int] = []  # record of a parameter, -1: all
         for p in found:
-            for i in range(len(runs)) if p.name in own else (-1,):
+            for i in range(len(runs)) if p.name in (*own, *loads) else (-1,):
                 self.parameters.append(p)
                 self.place.append(i)
         names = [p.name for p in self.parameters]
         self.names = names
+        self._of_axis = {n for n in names if n != SHIFT and n not in loads}
         self.beliefs = self._prior_numbers(believed, tolerance, priors, wonder)
+        # Coordinates of load errors, in their standard deviations.
+        self.of_loads = np.flatnonzero(np.isin(names, loads))
         n = len(names)
         self.size = n + 2 * len(runs)
         self.low = np.full(self.size, -np.inf)
@@ -352,8 +376,9 @@ class Likelihood:
 
         `noises`: search coordinates of the noises, those of another problem's result.
         """
-        here = {n: float(values_of(self.axis, [n])[0]) for n in self.names if n != SHIFT}
-        here[SHIFT] = self.shift
+        here = dict.fromkeys(self.names, 0.0) | {SHIFT: self.shift}
+        own = [n for n in self.names if n in self._of_axis]
+        here |= dict(zip(own, values_of(self.axis, own).tolist(), strict=True))
         z = [
             p.search(self.each.get((p.name, i), here[p.name]))
             for p, i in zip(self.parameters, self.place, strict=True)
@@ -374,8 +399,7 @@ class Likelihood:
 
     def axis_at(self, z: FloatArray, i: int = 0) -> FrictionAxis:
         """Axis of record i at search coordinates."""
-        values = self._values(z, i)
-        values.pop(SHIFT, None)
+        values = {n: v for n, v in self._values(z, i).items() if n in self._of_axis}
         made = self._made  # reused for records with equal values; other threads may replace it
         if made[0] != values:
             made = values, with_values(self.axis, list(values), list(values.values()))
@@ -386,6 +410,23 @@ class Likelihood:
         """Variances of the random force, held over a sample, and of a reading."""
         n = len(self.names)
         return math.exp(z[n + 2 * i]), math.exp(z[n + 2 * i + 1])
+
+    def load_error(self, z: FloatArray, i: int) -> FloatArray:
+        """Force by which the known load of record i is off, shape (n,); (0,) for none."""
+        errors = self.runs[i].load_errors
+        amounts = [z[j] for j in self.of_loads if self.place[j] == i][: len(errors)]
+        # Of a likelihood in which they are not free, the load is right.
+        return np.asarray(np.array(amounts) @ errors[: len(amounts)]) if amounts else np.zeros(0)
+
+    def _known_force(self, z: FloatArray, i: int) -> FloatArray:
+        """Known force of record i with its error, as kernels take it."""
+        known, error = self.runs[i].record.known_force, self.load_error(z, i)
+        if not error.size:
+            return known
+        force = known + error if known.size else error
+        # One type of array: kernels are compiled for each.
+        force.setflags(write=False)
+        return force
 
     def innovations(self, z: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
         """Innovations and states of record i."""
@@ -412,6 +453,7 @@ class Likelihood:
         u = delay_input(run.u, self._values(z, i).get(SHIFT, self.shift) / record.dt)
         # One type of array, whether shifted or not: the filter is compiled for each.
         u.setflags(write=False)
+        known = self._known_force(z, i)
         out = np.zeros((2, len(record)))
         state = np.zeros((6, len(record)))
         for start, end in run.pieces:
@@ -423,7 +465,7 @@ class Likelihood:
                 arrays.integers,
                 arrays.memory,
                 u[here],
-                record.known_force[here],
+                known[here],
                 record.x[here],
                 run.w[here],
                 run.good[here],
@@ -494,7 +536,10 @@ class Likelihood:
                 weight = 2.0 * _NOMINAL_ERROR_WEIGHT * trusted / (1.0 + off * off)
                 g[j] += weight * off * by
                 h[j] += weight * by * by
-        return total + wonders, g, h
+        amounts = z[self.of_loads]
+        g[self.of_loads] = amounts
+        h[self.of_loads] = 1.0
+        return total + wonders + 0.5 * float(amounts @ amounts), g, h
 
     def nominal_error_costs(self, z: FloatArray) -> FloatArray:
         """Cost of each nominal value that is wrong, as an assumption of its own."""
@@ -627,31 +672,19 @@ class Likelihood:
         step = self.steps[j]
         moved[j] += step if z[j] + step <= self.high[j] else -step
         direction = np.sign(states[2]).astype(np.int64)
-        try:
-            there = self.axis_at(moved, i)
-        except ValueError:
-            return False  # no such axis on this side
-
-        def rate(one: FrictionAxis) -> FloatArray:
-            arrays = one.arrays(1.0)
-            a = np.empty(direction.size)
-            accelerations(
-                arrays.numbers,
-                arrays.integers,
-                run.record.t,
-                states[0],
-                states[1],
-                run.u,
-                run.record.known_force,
-                direction,
-                a,
-            )
-            return a
-
-        before = point.rates.get(i)
-        if before is None:
-            before = point.rates.setdefault(i, rate(axis))
-        force = np.where(direction != 0, axis.mass * (rate(there) - before), 0.0)[:, None]
+        if j in self.of_loads:
+            force = self._load_error_change(z, moved, i)
+        else:
+            try:
+                there = self.axis_at(moved, i)
+            except ValueError:
+                return False  # no such axis on this side
+            before = point.rates.get(i)
+            if before is None:
+                now = self._rate(z, i, axis, states, direction)
+                before = point.rates.setdefault(i, now)
+            force = axis.mass * (self._rate(z, i, there, states, direction) - before)
+        force = np.where(direction != 0, force, 0.0)[:, None]
         out = np.zeros((direction.size, 1))
         innovation_change(
             force, force[:0], recursion(axis, run.record.dt, states, run.w.size > 0), out
@@ -662,6 +695,35 @@ class Likelihood:
         slope[0] /= moved[j] - z[j]
         slope[1] = 0.0
         return True
+
+    def _load_error_change(self, z: FloatArray, moved: FloatArray, i: int) -> FloatArray:
+        """Change of the known force of record i between two points, shape (n,)."""
+        change = self.load_error(moved, i) - self.load_error(z, i)
+        return change if change.size else np.zeros(len(self.runs[i].record))
+
+    def _rate(
+        self,
+        z: FloatArray,
+        i: int,
+        axis: FrictionAxis,
+        states: FloatArray,
+        direction: NDArray[np.int64],
+    ) -> FloatArray:
+        """Accelerations of an axis at filtered states of record i."""
+        arrays = axis.arrays(1.0)
+        a = np.empty(direction.size)
+        accelerations(
+            arrays.numbers,
+            arrays.integers,
+            self.runs[i].record.t,
+            states[0],
+            states[1],
+            self.runs[i].u,
+            self._known_force(z, i),
+            direction,
+            a,
+        )
+        return a
 
     def rescale_information(self, h: FloatArray) -> FloatArray:
         """Information, for noises scaled to the curvature of the cost.

@@ -175,16 +175,16 @@ def drive_at_the_mass(axis: FrictionAxis, record: Record, hold: str = "zero") ->
     """
     late = tuple(e for e in axis.effects if e.action in ("delay", "lag"))
     line = FrictionAxis(axis.mass, 0.0, CoulombMap.of(0.0), effects=late)
-    return _at_the_samples(at_the_mass(line, record, hold)[1].u, hold)
+    return at_the_samples(at_the_mass(line, record, hold)[1].u, hold)
 
 
 def known_force(record: Record, hold: str = "zero") -> Floats:
     """Known force on the mass in the same way, shape (n,); zeros where there is none."""
     force = record.known_force
-    return _at_the_samples(force, hold) if force.size else np.zeros(len(record))
+    return at_the_samples(force, hold) if force.size else np.zeros(len(record))
 
 
-def _at_the_samples(u: Floats, hold: str) -> Floats:
+def at_the_samples(u: Floats, hold: str) -> Floats:
     """Held input as the mean before and after each sample, else as it is."""
     if hold != "zero":
         return u

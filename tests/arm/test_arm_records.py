@@ -10,6 +10,8 @@ import dryfric_control as dfc
 mujoco = pytest.importorskip("mujoco")
 
 
+from dryfric_control.arm.model_errors import load_errors  # noqa: E402
+
 DATA = Path(__file__).parents[2] / "docs" / "data"
 MODEL, LOG = DATA / "six_joints.xml", DATA / "six_joints.csv"
 #: Coulomb level, viscous coefficient and payload with which `docs/make_arm.py` made the log.
@@ -17,7 +19,13 @@ TRUE = {
     "pan": (7.0, 9.0), "lift": (8.0, 10.0), "elbow": (5.0, 6.0), "wrist1": (1.8, 1.2),
     "wrist2": (1.6, 1.1), "wrist3": (1.4, 0.9),
 }  # fmt: skip
+#: Noise of its torques [N m].
+NOISE = (0.10, 0.10, 0.06, 0.02, 0.02, 0.02)
 PAYLOAD, PLACE = 0.8, (0.0, 0.12, 0.0)
+
+
+def arm_noise(joint):
+    return NOISE[list(TRUE).index(joint)]
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +60,23 @@ def test_without_it_the_friction_is_that_of_each_joint(nominal, errors):
         assert found.parameters["viscous"] == pytest.approx(viscous, rel=0.01)
         assert found.parameters["mass"] == pytest.approx(axis.mass, rel=0.01)
     assert "coupling of the model" in record.notes[-1]
+
+
+def test_what_a_load_may_be_off_holds_what_it_is_off(nominal, errors):
+    right = nominal.without(errors)
+    true = dfc.arm_records(MODEL, LOG, payload={"hand": (PAYLOAD, PLACE)})
+    found = load_errors(right)
+    assert list(found) == list(right)
+    for j, (joint, (_, record)) in enumerate(right.items()):
+        a = right.motion.a[:, j]
+        rows = np.vstack((found[joint], 0.5 * (a + np.append(a[1:], a[-1:]))))
+        off = record.known_load - true[joint][1].known_load
+        amounts = np.linalg.lstsq(rows.T, off, rcond=None)[0]
+        assert found[joint].shape == (4, len(record))
+        assert np.abs(amounts[:4]).max() < 3.0
+        # The inertia of the joint is its own; what else is left is a part of the noise of the log.
+        left = off - amounts @ rows
+        assert np.sqrt(np.mean(left**2)) < 0.02 * arm_noise(joint)
 
 
 def test_a_known_payload_leaves_nothing_to_find():

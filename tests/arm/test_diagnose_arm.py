@@ -26,6 +26,7 @@ def test_a_bad_joint_does_not_end_the_others(monkeypatch):
     def joints(cases, **options):
         # All joints have shown what gravity and the scale of a drive are; the latter only if asked.
         assert options["known"] == ("mass", "gravity.amplitude", "gravity.phase")
+        assert options["load_errors"] is None  # the model is right
         return JointDiagnoses({name: None for name in cases if name not in failed}, failed)
 
     monkeypatch.setattr(module, "diagnose_joints", joints)
@@ -38,6 +39,25 @@ def test_a_bad_joint_does_not_end_the_others(monkeypatch):
     monkeypatch.setattr(module, "diagnose_joints", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         dfc.diagnose_arm(DATA / "six_joints.xml", log, known="model", progress=False)
+
+
+def test_joints_may_have_another_load_as_far_as_the_log_leaves_it_open(monkeypatch):
+    given = {}
+
+    def joints(cases, **options):
+        given.update(options["load_errors"])
+        return JointDiagnoses({}, {})
+
+    monkeypatch.setattr(module, "diagnose_joints", joints)
+    found = dfc.diagnose_arm(DATA / "six_joints.xml", DATA / "six_joints.csv", progress=False)
+    sizes = {joint: np.sqrt(np.mean(np.square(one), axis=1)) for joint, one in given.items()}
+    assert list(given) == list(found.corrected)
+    # The lift carries the arm, wrist 3 the payload alone.
+    assert all(np.all(np.diff(one) <= 0.0) for one in sizes.values())
+    assert sizes["lift"][0] > 10.0 * sizes["wrist3"][0] > 0.0
+    # The tool of wrist 3 is near its axis: which way it turns hardly matters.
+    assert found.undirected == ("wrist3",) and found.to_dict()["undirected"] == ["wrist3"]
+    assert "does not show the direction of wrist3" in found.summary()
 
 
 ARM = """<mujoco><option timestep="2e-4" integrator="implicitfast" noslip_iterations="4"/><worldbody>

@@ -19,7 +19,9 @@ class Found(dict):
     """Diagnoses of joints that found nothing."""
 
     def __init__(self, records):
-        super().__init__({j: SimpleNamespace(extended=axis) for j, (axis, _) in records.items()})
+        super().__init__(
+            {j: SimpleNamespace(extended=axis, record=one) for j, (axis, one) in records.items()}
+        )
         self.nominal = self.corrected = records
 
     def _summary_parts(self):

@@ -1,6 +1,7 @@
 """Inverse dynamics of arms against closed forms, and models that are refused."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -69,6 +70,22 @@ def test_the_regressor_times_the_inertial_parameters_is_the_force():
     )
     rotors = model.dof_armature * m.a
     np.testing.assert_allclose(force + rotors, arm.forces(m)[0], atol=1e-10)
+
+
+def test_the_factor_of_a_links_mass_is_none_of_its_payload():
+    place = np.array([0.1, 0.0, 0.2])
+    second = np.eye(3) * (place @ place) - np.outer(place, place)
+    moments = tuple(0.8 * second[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+    payload = SimpleNamespace(
+        kind="payload", link="c_link", value=0.8, place=tuple(place), moments=moments
+    )
+    heavier = SimpleNamespace(kind="mass", link="c_link", value=1.5, place=(), moments=())
+    arm, m = RigidArm(chain()), motion(30, 3)
+    matrix = arm.regression_matrix(m, arm.links())[:, :, -1]
+    more = 0.5 * arm.links()[-1].inertial + [0.8, *(0.8 * place), *moments]
+    true = arm.forces(m)[0] + matrix @ more
+    for errors in ([payload, heavier], [heavier, payload]):
+        np.testing.assert_allclose(arm.without(errors).forces(m)[0], true, atol=1e-10)
 
 
 def test_a_payload_is_a_mass_at_its_place():

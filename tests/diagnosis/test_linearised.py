@@ -77,6 +77,19 @@ def test_a_column_is_the_change_that_the_filter_shows(here, slug, coefficients, 
     assert np.linalg.norm(moved - expected) < 0.05 * np.linalg.norm(expected)
 
 
+@pytest.mark.parametrize("slug", ["load_dependence", "load_asymmetry"])
+def test_a_column_of_the_transmitted_force_is_that_of_its_law(slug):
+    """Beside a spring and a known load, which a gear carries with the drive."""
+    axis = AXIS.replace(effects=(dfc.effects.Spring(stiffness=20.0, rest=0.1),))
+    record = driven(axis)
+    loaded = dfc.Record(record.t, record.u, record.x, load=6.0 * np.cos(3.0 * record.t))
+    here = view_of(axis, loaded)
+    column = next(iter(effect_class(slug).columns(here)))
+    added = with_effect(axis, slug, dict(column.values([0.01]))).axis
+    change = difference(added, here)
+    np.testing.assert_allclose(0.01 * column.force[0] * (here.direction != 0.0), change, atol=1e-9)
+
+
 def test_a_level_behind_bristles_is_the_change_of_their_force():
     """Against small steps of Dahl's law at a level by direction, and at one that is 1 % higher."""
     length, level = 2e-3, 8.0

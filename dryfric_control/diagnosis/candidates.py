@@ -106,6 +106,8 @@ def shown_range(
     if kind == "share":
         # A very light mass would vibrate over thousands of steps while the other rests.
         return KINDS["share"]
+    if own == effect.adds_constant:
+        return -math.inf, math.inf  # a preloaded spring is nowhere without force
     if kind == "place":
         low = min(float(r.x.min()) for r in records)
         high = max(float(r.x.max()) for r in records)

@@ -529,9 +529,9 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
     recorded = problem.runs
     try:
         forces, builds_up = search.by_force()
-        found = _force_first(search, recorded, forces, builds_up)
-        if found is not None:
-            return *found, False
+        shown = _force_first(search, recorded, forces, builds_up)
+        if shown is not None and not shown[0].problem.is_muted(shown[1].fit):
+            return *shown, False
         search = Search(problem, tell, search.not_tried, now=search.now)
         begun = search.fit_nominal()
         # The least smoothing: a smoother input may hide that it does not cause the motion.
@@ -557,6 +557,8 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
             search, model = again
     except KeyboardInterrupt:
         return search, search.now, True
+    if shown is not None and shown[0].net_evidence(shown[1], model) > 0.0:
+        return *shown, False  # what the force shows, though not all is known
     return search, model, False
 
 
@@ -584,9 +586,7 @@ def _force_first(
     again = _search_other_inputs(search, model, recorded)
     if again is not None:
         search, model = again
-    if problem.clear_of_line(model.fit) and not problem.is_muted(model.fit):
-        return search, model
-    return None
+    return (search, model) if problem.clear_of_line(model.fit) else None
 
 
 def _by_force(search: Search, begun: Solution, builds_up: bool) -> tuple[Search, Model] | None:

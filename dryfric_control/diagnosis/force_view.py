@@ -116,8 +116,8 @@ class ForceView(ModelView):
         return left.size / self.correlation_time(left)
 
     def correlation_time(self, left: Floats) -> float:
-        """Number of samples of a residual that say the same thing."""
-        if left.size < 3:
+        """Number of samples of a residual that say the same thing; each breakaway is one."""
+        if left.size < 3 or self.problem.moves_in_jumps:
             return 1.0
         power = np.abs(np.fft.rfft(left - left.mean(), 2 * left.size)) ** 2
         c = np.fft.irfft(power)[: left.size]

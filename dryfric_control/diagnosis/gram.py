@@ -881,7 +881,9 @@ class Gram:
 
     def _axes(self, chosen: Sequence[int]) -> Iterator[tuple[FrictionAxis, tuple[str, ...]]]:
         """The model with items at their coefficients, its base as it is and moved along."""
-        for moved in (False, True) if self.base else (False,):
+        # Breakaways show the level beside all else, and the nominal one may hold the axis for good.
+        moves = (True,) if self.view and self.problem.moves_in_jumps else (False, True)
+        for moved in moves if self.base else (False,):
             c = self._predicted_gains([chosen], moved)[1][0]
             at = self.fixed
             axis = self.fit.axis

@@ -54,11 +54,12 @@ def fit_beside(
     """Fit beside a model, from its noises if it starts as likely, else from a large random force.
 
     From far away a small random force leads to a local minimum, thousands of units too high: with
-    a large one the filter follows the readings, and the cost is smooth.
+    a large one the filter follows the readings, and the cost is smooth.  A motion in jumps has such
+    minima next to every model.
     """
     likelihood = problem.likelihood(axis, free, each=each_of(now), **settings)
     z = likelihood.start(noises=noises_of(now))
-    if likelihood.tried(z).cost > now.cost + FIT_SLACK:
+    if problem.moves_in_jumps or likelihood.tried(z).cost > now.cost + FIT_SLACK:
         z = likelihood.start(1.0)
     return maximise(likelihood, z, turns, problem.until)
 

@@ -88,8 +88,14 @@ class Problem:
 
     @cached_property
     def motions(self) -> tuple[SmoothedMotion, ...]:
-        """Smoothed motion of each record."""
-        return tuple(SmoothedMotion.from_record(r.record, self.believed.mass) for r in self.runs)
+        """Motion of each record where it shows the force."""
+        mass = self.believed.mass
+        return tuple(SmoothedMotion.where_force_shows(r.record, mass) for r in self.runs)
+
+    @property
+    def moves_in_jumps(self) -> bool:
+        """Whether only breakaways show the force."""
+        return any(motion.in_jumps for motion in self.motions)
 
     @cached_property
     def fast_stretches(self) -> tuple[Run, ...]:

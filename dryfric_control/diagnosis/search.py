@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import (
+    Start,
     catalogue,
     effect_class,
     forms,
@@ -47,12 +48,18 @@ from dryfric_control.estimation.scoring import (
 )
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
+from dryfric_control.model.effects.effect import Effect
 from dryfric_control.model.effects.naming import named, put
+from dryfric_control.records.motion import least_motion
 
 FloatArray = NDArray[np.float64]
 #: The effects that are a delay and a limit of the drive.
 DELAY = "input_delay"
 LIMIT = "saturation"
+#: The effect that makes the level of a breakaway higher than that of sliding.
+PEAK = "stribeck"
+# Least excess from which the fit of a peak begins.
+_LEAST_PEAK = 0.1
 # Largest ratio of the squared force that an effect leaves to that which a cause leaves in its place
 # with which it may do the same.
 _MAX_SQUARES_RATIO = 1.5
@@ -153,7 +160,9 @@ class Search:
         names = tuple[str, ...]()
         free = tuple[str, ...]()
         gram = self._by_force(problem.fit(axis, (), noises_of(nominal), 0))
-        late, limit = ForceView(problem, axis).late_drive()
+        late, limit = 0.0, math.inf
+        if not problem.moves_in_jumps:
+            late, limit = ForceView(problem, axis).late_drive()
         for name, values in ((DELAY, {"delay": late}), (LIMIT, {"limit": limit})):
             if all(0.0 < v < math.inf for v in values.values()) and name in gram.names:
                 start = with_effect(axis, name, values)
@@ -177,14 +186,39 @@ class Search:
         starts, builds_up = gram.full_selection(MAX_CAUSES - len(names))
         if not starts and not names:
             return Model(nominal), builds_up
-        begins = [(one.axis, (*free, *one.free)) for one in starts] or [(axis, free)]
-        fits = problem.parallel(lambda one: fit_beside(problem, one[0], one[1], nominal), begins)
+        begins = [Start(one.axis, (*free, *one.free)) for one in starts] or [Start(axis, free)]
         names = (*names, *(starts[0].names if starts else ()))
-        return Model(min(fits, key=cost_of), names), builds_up
+        models = self._fit_starts(begins, names)
+        may_peak = PEAK in self._candidate_effects(Model(nominal)) and "coulomb" in problem.base
+        if problem.moves_in_jumps and may_peak:
+            models += self._fit_starts(map(self._with_peak, begins), (*names, PEAK))
+        return min(models, key=lambda one: one.fit.cost), builds_up
+
+    def _fit_starts(self, starts: Iterable[Start], causes: tuple[str, ...]) -> list[Model]:
+        """Models fitted from some axes."""
+
+        def fit(start: Start) -> Solution:
+            return fit_beside(self.problem, start.axis, start.free, self.problem.nominal_fit)
+
+        return [Model(one, causes) for one in self.problem.parallel(fit, list(starts))]
+
+    def _with_peak(self, start: Start) -> Start:
+        """A start whose level at breakaway is that of a Stribeck peak, the sliding one nominal.
+
+        The peak ends at a velocity that is too low for a reading to move between two samples.
+        """
+        problem = self.problem
+        level = values_of(start.axis, ["coulomb"])[0] / values_of(problem.believed, ["coulomb"])[0]
+        speed = min(least_motion(run.record) / run.record.dt for run in problem.runs)
+        axis = with_values(start.axis, problem.base, values_of(problem.believed, problem.base))
+        peak = with_effect(axis, PEAK, {"excess": max(level - 1.0, _LEAST_PEAK), "speed": speed})
+        return Start(peak.axis, (*start.free, *peak.free))
 
     def _by_force(self, fit: Solution, causes: Sequence[str] = ()) -> Gram:
         """Normal equations of the force that a model lacks."""
         names = self._candidate_effects(Model(fit, tuple(causes)))
+        if self.problem.moves_in_jumps:
+            names = [name for name in names if _shows_in_balance(effect_class(name), steady=True)]
         view = ForceView(self.problem, fit.axis)
         return Gram(self.problem, fit, names, self._note_failure, view)
 
@@ -457,15 +491,8 @@ class Search:
         found = []
         for name in catalogue(now.fit.axis, now.causes):
             effect = effect_class(name)
-            if problem.is_imposed:
-                # The drive follows the friction there: as the load it would explain itself.
-                # Of effects with a memory a contact alone follows from the motion.
-                acts = effect.action in ("force", "friction", "axis", "contact")
-                remembers = effect.remembers and effect.action != "contact"
-                if not acts or remembers or effect.loaded():
-                    continue
-                if problem.steady and effect.needs_velocities():
-                    continue
+            if problem.is_imposed and not _shows_in_balance(effect, problem.steady, ("contact",)):
+                continue  # of effects with a memory a contact alone follows from the motion
             if problem.shift is not None and effect.action in ("delay", "lag"):
                 continue  # a free lead of the input is no different from a delay
             if any(f"{name}.{p}" in problem.known for p in effect.named_parameters()):
@@ -687,6 +714,25 @@ def _doing_as_much(left: dict[str, float], mine: float) -> set[str]:
     whole = left.pop("")
     enough = min(_MAX_SQUARES_RATIO * mine, whole - _MIN_EXPLAINED_FRACTION * (whole - mine))
     return {name for name, one in left.items() if one <= enough}
+
+
+def _shows_in_balance(effect: type[Effect], steady: bool, memory: Sequence[str] = ()) -> bool:
+    """Whether an effect shows where the drive just balances the friction.
+
+    The drive follows the friction there: as the load it would explain itself.
+
+    Parameters
+    ----------
+    effect : type
+    steady : bool
+        Whether at one velocity only.
+    memory : sequence of str
+        Actions with a memory that show, too.
+    """
+    if effect.action not in ("force", "friction", "axis", *memory):
+        return False
+    remembers = effect.remembers and effect.action not in memory
+    return not (remembers or effect.loaded() or (steady and effect.needs_velocities()))
 
 
 def _likeliest_shapes(some: list[Proposal]) -> list[Proposal]:

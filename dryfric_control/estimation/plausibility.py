@@ -154,11 +154,12 @@ def record_doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -
         found.append(Doubt(unit, unit))
     elif weak := _weak_drive(axis, record, strongest, scaled):
         found.append(Doubt(weak))
-    if slow := _slow_motion(axis, record):
-        found.append(Doubt(slow, slow))
-    if not (found or scaled) and axis.units[0] == "m" and (fast := speed_message(record)):
+    fast = _fast_motion(record)
+    if slow := _slow_motion(axis, fast):
+        found.append(Doubt(slow, slow if fast < axis.stick_speed else ""))
+    if not (found or scaled) and axis.units[0] == "m" and (text := speed_message(record)):
         # No proof: an axis whose mass and friction are those of the record may be in other units.
-        found.append(Doubt(fast))
+        found.append(Doubt(text))
     return found
 
 
@@ -183,12 +184,16 @@ def _weak_drive(axis: FrictionAxis, record: Record, strongest: float, scaled: bo
     return ""
 
 
-def _slow_motion(axis: FrictionAxis, record: Record) -> str:
-    """What to say of motion that is slow beside the stick velocity of the axis; empty if none."""
+def _fast_motion(record: Record) -> float:
+    """Largest usual velocity of a record in motion, infinite for one without."""
     moving = directions(record) != 0
-    if not moving.any() or any(effect.slug == _CREEPING for effect in axis.effects):
+    return usual_speeds(record.derivatives().v[moving])[1] if moving.any() else math.inf
+
+
+def _slow_motion(axis: FrictionAxis, fast: float) -> str:
+    """What to say of motion that is slow beside the stick velocity of the axis; empty if none."""
+    if any(effect.slug == _CREEPING for effect in axis.effects):
         return ""
-    fast = usual_speeds(record.derivatives().v[moving])[1]
     if axis.stick_speed <= _MAX_STICK_RATIO * fast:
         return ""
     unit = axis.unit("m/s")

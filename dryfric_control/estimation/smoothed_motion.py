@@ -19,6 +19,7 @@ from dryfric_control.estimation.force_residual import at_the_mass
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.friction_curve import net_force
+from dryfric_control.records.motion import breakaways, directions
 from dryfric_control.records.record import Record
 
 # Largest noise of the force that the mass needs, over the standard deviation of the drive.
@@ -33,6 +34,8 @@ _TRUNCATED = 4.0
 _SLOW = 0.02
 # Samples left out around slow ones, in widths of the kernel.
 _GUARD = 2.0
+# Width of a kernel that leaves readings as they are [samples].
+_NO_KERNEL = 0.1
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -119,6 +122,28 @@ class SmoothedMotion:
         places = _sliding(np.abs(seen) >= slow, good, width)
         return cls(record, width, x, v, a, direction, places)
 
+    @classmethod
+    def where_force_shows(cls, record: Record, mass: float) -> SmoothedMotion:
+        """Motion of a record with its sliding samples, or the breakaways if it moves in jumps.
+
+        Jumps that end within the kernel show no force while they last, but one where they begin:
+        the drive that just moves the axis, with no velocity and no acceleration yet.
+        """
+        motion = cls.from_record(record, mass)
+        starts, ways = breakaways(record)
+        if record.integrated or not starts.size or not _in_jumps(record, _guard(motion.width)):
+            return motion
+        x, v, a, direction = (
+            one.copy() for one in (motion.x, motion.v, motion.a, motion.direction)
+        )
+        x[starts], v[starts], a[starts], direction[starts] = record.x[starts], 0.0, 0.0, ways
+        return cls(record, _NO_KERNEL, x, v, a, direction, starts)
+
+    @property
+    def in_jumps(self) -> bool:
+        """Whether the samples are breakaways."""
+        return self.width == _NO_KERNEL
+
     @cached_property
     def weights(self) -> Floats:
         """Weights of the kernel."""
@@ -139,9 +164,23 @@ class SmoothedMotion:
         return out
 
 
+def _guard(width: float) -> int:
+    """Number of samples next to slow ones in which a kernel still sees these."""
+    return int(_GUARD * width) + 1
+
+
+def _in_jumps(record: Record, guard: int) -> bool:
+    """Whether most of the way is made in motions too short to have samples `guard` inside."""
+    moving = np.pad(directions(record) != 0, 1)
+    starts, ends = np.flatnonzero(np.diff(moving)).reshape(-1, 2).T
+    way = np.abs(record.x[np.minimum(ends, len(record) - 1)] - record.x[np.maximum(starts - 1, 0)])
+    short = ends - starts <= 2 * guard
+    return bool(way[short].sum() > way[~short].sum())
+
+
 def _sliding(fast: Bools, good: Bools, width: float) -> Ints:
     """Samples that slide, away from reversals, ends and missing readings, one a width."""
-    guard = int(_GUARD * width) + 1
+    guard = _guard(width)
     ok = ~binary_dilation(~fast | ~good, iterations=guard)
     ok[: 3 * guard] = ok[max(ok.size - 3 * guard, 0) :] = False
     step = max(int(width), 1)

@@ -65,6 +65,15 @@ def rest_times(record: Record) -> Floats:
     return np.asarray((np.arange(len(record)) - last) * record.dt)
 
 
+def breakaways(record: Record) -> tuple[Ints, Floats]:
+    """Last samples at rest before a motion that the next reading shows, and its directions."""
+    least = least_motion(record)
+    step = np.diff(record.x)
+    still = np.abs(record.x[2:] - record.x[:-2]) <= least
+    starts = 2 + np.flatnonzero(still[:-1] & (np.abs(step[2:]) > least))
+    return starts, np.sign(step[starts])
+
+
 def last_index_so_far(there: Bools, none: int) -> Ints:
     """Index of the last sample so far at which something is there, `none` before the first."""
     index = np.where(there, np.arange(there.size), none)

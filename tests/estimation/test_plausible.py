@@ -207,17 +207,28 @@ def test_a_record_given_twice_is_refused(estimate):
         estimate(AXIS, [record, dfc.Record(T, U, X + 1e-6), dfc.Record(T, U, X)])
 
 
-@pytest.mark.parametrize("function", [dfc.fit, dfc.diagnose])
-def test_a_stick_velocity_that_the_motion_hardly_exceeds_stops_with_what_to_type(function):
-    """A stage of micrometres: by the default of 0.1 mm/s it would rest for a fifth of its motion."""
+def stage_of_micrometres(scale):
+    """Axis and record of a stage that moves at up to `scale` times 0.47 mm/s."""
     t = 1e-3 * np.arange(4000)
-    x = 5e-5 * np.sin(6.0 * t) + 1e-5 * np.sin(17.0 * t)
-    v = 3e-4 * np.cos(6.0 * t) + 1.7e-4 * np.cos(17.0 * t)
-    u = 2e3 * np.gradient(v, t) + 1e4 * v + 8.0 * np.sign(v)
-    axis = dfc.FrictionAxis(mass=2e3, viscous=1e4, coulomb=8.0)
-    record = dfc.Record(t, u, x)
-    words = r"stick velocity of 0.0001 m/s: lower that, axis.replace\(stick_speed=[45]e-07\)"
+    x = scale * (5e-5 * np.sin(6.0 * t) + 1e-5 * np.sin(17.0 * t))
+    v = scale * (3e-4 * np.cos(6.0 * t) + 1.7e-4 * np.cos(17.0 * t))
+    u = (2e3 * np.gradient(v, t) + 1e4 * v) / scale + 8.0 * np.sign(v)
+    axis = dfc.FrictionAxis(mass=2e3 / scale, viscous=1e4 / scale, coulomb=8.0)
+    return axis, dfc.Record(t, u, x)
+
+
+@pytest.mark.parametrize("function", [dfc.fit, dfc.diagnose])
+def test_a_stick_velocity_that_the_motion_does_not_exceed_stops_with_what_to_type(function):
+    """By the default of 0.1 mm/s the axis would rest all the time."""
+    words = r"stick velocity of 0.0001 m/s: lower that, axis.replace\(stick_speed=[45]e-08\)"
     with pytest.raises(ValueError, match=words):
-        function(axis, record)
+        function(*stage_of_micrometres(0.1))
+
+
+def test_a_stick_velocity_that_the_motion_hardly_exceeds_is_told():
+    """By the default of 0.1 mm/s the axis would rest for a fifth of its motion."""
+    axis, record = stage_of_micrometres(1.0)
+    with pytest.warns(dfc.RecordWarning, match=r"replace\(stick_speed=[45]e-07\)"):
+        dfc.fit(axis, record)
     assert "stick velocity" not in str(record.check(axis.replace(stick_speed=5e-7)))
     assert "stick velocity" in str(record.check(axis))

@@ -926,7 +926,7 @@ def _innovation(plant, m, kind, noise, t, dt, value, before, dx):
 
 
 @step.internal(forceinline=True)
-def _distance_moved(kind, value, last, scale):
+def _way(kind, value, last, scale):
     """Way since the axis was last seen to move, or in a few samples at a velocity that was read."""
     return scale * abs(value) if kind.fast else abs(value - last)
 
@@ -1173,7 +1173,7 @@ def _innovations(
         out[1, k] = 0.0
         if good[k]:
             value = w[k] if kind.fast else y[k]
-            if _distance_moved(kind, value, y[still], scale) > alike:
+            if _way(kind, value, y[still], scale) > alike:
                 if kept:
                     # The axis has broken away, at an unknown velocity.
                     kept = False

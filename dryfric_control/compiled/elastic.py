@@ -615,12 +615,6 @@ def _store(side, drive, t0, h, at, strain, mode, rest, memory):
     memory[step.MODE], memory[step.REST] = _open(mode), rest
 
 
-@step.internal(forceinline=True)
-def _to_end(tau, h):
-    """Time within an interval, its end where less is left than the shortest step."""
-    return h if tau + step.SHORTEST * h >= h else tau
-
-
 @step.internal
 def _advance_inner(side, drive, t0, h, memory, events, count):
     """Move one mass on an elastic contact, or two on a spring; `side`: with the one that rubs."""
@@ -689,7 +683,8 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
             strain = bent
             if abs(mode) == _BACK:
                 strain = _back_strain(side, drive, t0, tau, at, mode, rest)
-            tau = _to_end(tau, h)
+            if tau + step.SHORTEST * h >= h:
+                tau = h
             if longest < h:
                 longest = larger_step(d, allowed, error)
             continue
@@ -699,7 +694,9 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
             side, drive, t0, tau, at, strain, mode, rest, m1, k1, flips, part, left, exact
         )
         at, _, _, strain, _ = _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, cut)
-        tau = _to_end(tau + cut, h)
+        tau += cut
+        if tau + step.SHORTEST * h >= h:
+            tau = h
         fresh, longest = True, h
         if abs(mode) != 1:
             rest += cut

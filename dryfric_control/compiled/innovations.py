@@ -17,7 +17,6 @@ of each reading.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -76,57 +75,6 @@ _SOFTEST = 0.05
 _SAFE = 7.0
 # Relative error allowed for a smooth step, in addition to the error allowed by the numbers.
 _TOLERANCE = 1e-6
-
-
-class _Kind(NamedTuple):
-    """What an axis is made of."""
-
-    remembers: bool  # effects with states of their own
-    contact: bool
-    bristles: bool
-    on_load: bool  # the encoder
-    on_motor: bool  # the friction
-    play: bool
-    spring: bool  # read on the motor
-    at_once: bool  # the drive acts without delay and lag, on one mass
-    plain: bool  # and without a contact
-    fast: bool  # velocities are read
-    at: int  # the state that is read, position or velocity
-
-
-class _Belief(NamedTuple):
-    """Covariance of position and velocity, and of the place where a contact is unstrained.
-
-    That place is as uncertain as the position was when a sticking contact stopped: its covariances
-    with position and velocity, and its variance.
-    """
-
-    p: float
-    g: float
-    d: float
-    c0: float
-    c1: float
-    anchor: float
-    unknown: float  # variance of a strain that the record does not show
-    strained: bool  # a contact sticks
-
-
-class _Pull(NamedTuple):
-    """How often and how far the drive has pulled beyond friction, and to which side."""
-
-    over: int
-    pulled: float
-    side: float
-
-
-class _Noise(NamedTuple):
-    """Noises, and what follows from them."""
-
-    force: float  # variance of the random force
-    deviation: float  # of it
-    reading: float  # variance of a reading
-    spot: float  # the same of a position
-    cell: float  # increment of the readings
 
 
 @step.internal
@@ -387,15 +335,14 @@ def _rest_count(y, k, gives):
 
 @step.internal
 def _predict_near(
-    plant, m, events, count, points, t, dt, u0, end, x, v, mode, belief, deviation, fall, reading,
-    plain, pull,
+    plant, m, events, count, points, t, dt, u0, end, x, v, mode, p, g, d, deviation, fall, reading,
+    plain, over, pulled, pull,
 ):  # fmt: skip
     """One sample near breakaway, where the mode at its end is uncertain.
 
     Simulates sigma points of velocity and random force, each with its own mode.  Returns the
-    covariance of position and velocity, and how the drive has pulled beyond friction.
+    covariance, and how often and how far the drive has pulled beyond friction, and to which side.
     """
-    p, g, d = belief.p, belief.g, belief.d
     total = d + g * g * p
     width = math.sqrt(total)
     x_mean = 0.0
@@ -408,10 +355,11 @@ def _predict_near(
     if mode == 0:
         s, beyond = _breakaway_excess(plant, step.held_force(drive), t, x, v, rest)
         # The excess of so many samples that is noise grows as their root.
-        pulled = max(pull.pulled + beyond, 0.0) if s == pull.side else max(beyond, 0.0)
-        pull = _Pull(pull.over + 1 if pulled > beyond else 1, pulled, s)
+        pulled = max(pulled + beyond, 0.0) if s == pull else max(beyond, 0.0)
+        over = over + 1 if pulled > beyond else 1
+        pull = s
         sure, certain = _MAY_HOLD
-        part = (certain - pulled / (deviation * math.sqrt(pull.over))) / (certain - sure)
+        part = (certain - pulled / (deviation * math.sqrt(over))) / (certain - sure)
         doubt = s * max(beyond, 0.0) * min(max(part, 0.0), 1.0) * (1.0 + 1e-9)
     if not plain:
         # This also advances the drive.
@@ -457,7 +405,7 @@ def _predict_near(
     p = m00
     g = m01 / m00
     d = max(m11 - m01 * g, 1e-9 * m11)
-    return p, g, d, pull
+    return p, g, d, over, pulled, pull
 
 
 @step.internal(forceinline=True)
@@ -786,224 +734,6 @@ def _tells_of_load(m, cov, at, rubs, strained, part):
         m[step.DEFLECTION] += (cov[rubs, at] - cov[4, at]) * part
 
 
-@step.internal
-def _kind_of(numbers, integers, fast):
-    """What an axis is made of."""
-    structure = integers[step.STRUCTURE]
-    contact = structure & step.CONTACT != 0
-    on_load = structure & step.ON_LOAD != 0
-    at_once = numbers[step.DELAY] <= 0.0 and numbers[step.LAG] <= 0.0
-    return _Kind(
-        structure & step.REMEMBERS != 0,
-        contact,
-        contact and numbers[step.BRISTLES] != 0.0,
-        on_load,
-        structure & step.MOTOR_RUBS != 0,
-        structure & step.PLAY != 0,
-        structure & step.SPRING != 0 and not on_load,
-        at_once and structure & ~step.CONTACT == 0,
-        at_once and structure == 0,
-        fast,
-        1 if fast else 0,
-    )
-
-
-@step.internal(forceinline=True)
-def _hold_at_rest(plant, m, events, counted, t, dt, u0, end):
-    """Advance the drive; the axis stays at rest."""
-    x, rest = m[step.X], m[step.REST] + dt
-    counted[0] = 0
-    keep_states(plant, m)
-    step.sample(plant, t, dt, u0, end, m, events, counted)
-    return_states(plant, m)
-    m[step.X], m[step.V] = x, 0.0
-    m[step.MODE], m[step.REST] = 0.0, rest
-
-
-@step.internal(forceinline=True)
-def _predict_spring(
-    plant, m, events, counted, kind, noise, t, dt, u0, end, sliding, variance, rubs, slides, rests,
-    cov, work, belief,
-):  # fmt: skip
-    """One sample of two masses on a spring, whose whole covariance is in `cov`."""
-    unknown = belief.unknown
-    if kind.contact and not sliding and not belief.strained:
-        unknown = two_masses.stick_contact(cov, rubs, unknown)
-    elif sliding:
-        unknown *= 0.0
-    counted[0] = 0
-    step.sample(plant, t, dt, u0, end, m, events, counted)
-    moves = sliding or m[step.MODE] != 0.0
-    # A load at rest stays where it is, whatever the readings of its motor.
-    pinned = rubs if m[step.MODE] == 0.0 and not kind.contact else -1
-    two_masses.predict(slides if moves else rests, cov, noise.force, pinned, work)
-    if pinned == 0:
-        _may_break_away(cov, variance, dt, _friction_inverse_mass(plant))
-    p = cov[0, 0] = cov[0, 0] + (_CREEP if pinned == 0 else 1e-6) * noise.spot
-    strained = kind.contact and not sliding
-    return _Belief(p, belief.g, belief.d, belief.c0, belief.c1, belief.anchor, unknown, strained)
-
-
-@step.internal(forceinline=True)
-def _predict_one(
-    plant, m, events, counted, kind, noise, t, dt, u0, end, x, v, mode, two, loose, first, dx,
-    inverse, variance, level, belief,
-):  # fmt: skip
-    """One sample of an axis whose mode is sure, and of which the encoder sees one mass."""
-    p, g, d, c0, c1, anchor, unknown, strained = belief
-    sliding = mode != 0
-    by_x, by_v, gives_way = _predict(
-        plant, m, events, counted, t, dt, u0, end, x, v, mode, two, kind.at_once, first, dx
-    )
-    if not sliding and m[step.MODE] != 0.0:
-        variance = noise.force
-    if two:
-        # Across the play nothing holds the motor.
-        by_x = 0.0
-        by_v = 0.0
-        variance = noise.force
-    if loose:
-        lighter = _friction_inverse_mass(plant) / inverse if sliding else 1.0
-        by_x = lighter * by_x
-        by_v = lighter * by_v
-        inverse = _friction_inverse_mass(plant)
-    sticking = kind.contact and not sliding and not two
-    unknown = 0.0 if sliding else unknown
-    if sticking and not strained:
-        c0 = p
-        c1 = g * p
-        anchor = p + unknown
-        unknown = 0.0
-    if sticking:
-        keeps = 1.0
-        if kind.bristles:
-            way = plant.numbers[step.CONTACT_STIFFNESS] * abs(m[step.X] - x)
-            keeps = math.exp(-way / level)
-        p, g, d, c0, c1, anchor = _elastic_covariance(
-            by_x, by_v, gives_way, keeps, dt, inverse, variance, p, g, d, c0, c1, anchor
-        )
-    else:
-        creep = _CREEP * noise.spot if not sliding and not kind.contact else 0.0
-        p, g, d = _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d)
-    if not sliding and abs(g) < _NOTHING and d < _NOTHING:
-        g = 0.0
-        d = 0.0
-    return _Belief(p, g, d, c0, c1, anchor, unknown, sticking)
-
-
-@step.internal(forceinline=True)
-def _outliers_in_a_row(ratio, e, row, side):
-    """Number of successive outliers on one side, and the side."""
-    if ratio <= _STRANGE:
-        return 0, side
-    return (row + 1 if side * e > 0.0 else 1), (1.0 if e > 0.0 else -1.0)
-
-
-@step.internal(forceinline=True)
-def _set_corrected(plant, m, kind, x, v, moved, turned, unstrained):
-    """Put a corrected state into memory; `unstrained`: way of the place without strain."""
-    x += moved
-    v += turned
-    if kind.play and not _is_in_contact(plant, m):
-        x, v = _correct_play(m, kind.on_load, x, v, moved, turned)
-    m[step.X], m[step.V] = x, v
-    if kind.contact and not kind.spring and m[step.MODE] == 0.0:
-        z = m[step.DEFLECTION] + moved - unstrained
-        m[step.DEFLECTION] = _clip_deflection(plant, x, z) if kind.bristles else z
-    return x, v
-
-
-@step.internal(forceinline=True)
-def _innovation(plant, m, kind, noise, t, dt, value, before, dx):
-    """Innovation for the state and for the likelihood, and the state's share, of a value read."""
-    if kind.fast:
-        e = value - _velocity(plant, t, m, dx)
-        by = value - e - before
-    else:
-        e = value - step.encoder_reading(plant, t, m)
-        by = m[step.V] * dt
-    return _in_cell(e, by, noise.cell, noise.reading)
-
-
-@step.internal(forceinline=True)
-def _way(kind, value, last, scale):
-    """Way since the axis was last seen to move, or in a few samples at a velocity that was read."""
-    return scale * abs(value) if kind.fast else abs(value - last)
-
-
-@step.internal(forceinline=True)
-def _as_read(kind, belief, variance):
-    """Covariance with what is read first; `variance`: that of what two masses on a spring show."""
-    p, g, d, c0, c1, anchor, unknown, strained = belief
-    if kind.fast:
-        p, g, d = (variance, g, d) if kind.spring else _swap_states(p, g, d)
-        c0, c1 = c1, c0
-    return _Belief(p, g, d, c0, c1, anchor, unknown, strained)
-
-
-@step.internal(forceinline=True)
-def _correct(plant, m, kind, x, v, e, outside, counts, spread, belief):
-    """Correct state and covariance, with what is read first, by an innovation.
-
-    `spread`: variance of the reading.  Returns position and velocity, what of the innovation went
-    into them, and the covariance.
-    """
-    p, g, d, c0, c1, anchor, unknown, strained = belief
-    gain = p / (p + spread)
-    to_anchor = 0.0
-    if strained and not kind.spring:
-        to_anchor = counts * c0 / (p + spread)
-        anchor = max(anchor - to_anchor * c0, 0.0)
-        c0, c1 = c0 - gain * c0, c1 - gain * g * c0
-    by_x, by_v = (gain * g, gain) if kind.fast else (gain, gain * g)
-    p = gain * spread
-    if kind.fast:
-        p, g, d = _swap_states(p, g, d)
-        c0, c1 = c1, c0
-    x, v = _set_corrected(plant, m, kind, x, v, by_x * e, by_v * e, to_anchor * outside)
-    return x, v, by_x, by_v, _Belief(p, g, d, c0, c1, anchor, unknown, strained)
-
-
-@step.internal(forceinline=True)
-def _motor_alone(plant, m, kind):
-    """Whether a motor without, or with friction is off its load, and the inverse mass that moves.
-
-    Motor and load that touch across a play are one mass.
-    """
-    apart = kind.play and not kind.on_load and not _is_in_contact(plant, m)
-    two = apart and not kind.on_motor
-    inverse = plant.numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
-    return two, apart and kind.on_motor, inverse
-
-
-@step.internal(forceinline=True)
-def _mode_of(plant, m, kind, v):
-    """Mode at the start of a sample: that of memory, or of a velocity that no rest has."""
-    mode = int(m[step.MODE])
-    if mode == 0 and not kind.contact and abs(v) > plant.numbers[step.STICK_SPEED]:
-        return 1 if v > 0.0 else -1
-    return mode
-
-
-@step.internal(forceinline=True)
-def _force_variance(plant, m, kind, noise, t, dt, u0, v, mode, kept, belief):
-    """Variance of the random force that acts, and whether the mode is in doubt."""
-    width = math.sqrt(belief.d + belief.g * belief.g * belief.p)
-    rigid = plant.integers[step.STRUCTURE] == 0
-    near = rigid and width > plant.numbers[step.STICK_SPEED] and abs(v) < _NEAR * width
-    if mode != 0 or near or kind.contact or kept:
-        return noise.force, near
-    variance = _random_force(plant, t, dt, m, u0, noise.deviation)
-    variance += _pulled_off(plant, t, dt, m, u0, noise.deviation)
-    return variance, rigid and variance > 0.0
-
-
-@step.internal(forceinline=True)
-def _with_variances(belief, p, g, d):
-    """The same with another covariance of position and velocity."""
-    return _Belief(p, g, d, belief.c0, belief.c1, belief.anchor, belief.unknown, belief.strained)
-
-
 @njit(cache=True, error_model="numpy", nogil=True)
 def innovations(
     numbers, integers, size, u, known, y, w, good, t0, rested, dt, first, force, reading, cell,
@@ -1088,13 +818,22 @@ def _innovations(
     count = step.empty_tally(memory[size : size + step.ROOM], step.FEW_SWITCHES)
     counted = step.pointer(count)
     structure = integers[step.STRUCTURE]
-    # Of velocities, positions that are the same: what errors of the first would make them.
-    kind = _kind_of(numbers, integers, w.shape[0] > 0)
-    scale = FIRST * dt if kind.fast else 1.0
-    spot = scale * scale * reading
-    noise = _Noise(force, math.sqrt(force), reading, spot, cell)
+    remembers = structure & step.REMEMBERS != 0
+    contact = structure & step.CONTACT != 0
+    bristles = contact and numbers[step.BRISTLES] != 0.0
+    on_load = structure & step.ON_LOAD != 0
+    play = structure & step.PLAY != 0
+    spring = structure & step.SPRING != 0 and not on_load
+    at_once = numbers[step.DELAY] <= 0.0 and numbers[step.LAG] <= 0.0
+    plain = structure == 0 and at_once
+    at_once = at_once and structure & ~step.CONTACT == 0
+    deviation = math.sqrt(force)
     dx = 1e-6 * span
     fall = -math.expm1(-numbers[step.STICK_RATE] * dt)
+    # Of velocities, positions that are the same: what errors of the first would make them.
+    fast = w.shape[0] > 0
+    at, scale = (1, FIRST * dt) if fast else (0, 1.0)
+    spot = scale * scale * reading
     farthest = _FASTER * _largest_increment(y, _FASTER * scale * cell)
     begin = min(FIRST, n - 1)
     v0 = (y[begin] - y[0]) / (begin * dt)
@@ -1102,33 +841,43 @@ def _innovations(
     alike = scale * max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
     _begin(plant, m, t0, dt, rested, u[0], y, v0, place, alike)
     rubs = two_masses.friction_state(structure)
-    two = kind.spring or (kind.play and not kind.on_load)
+    on_motor = structure & step.MOTOR_RUBS != 0
+    two = spring or (play and not on_load)
     inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
+    p = spot
+    g = 0.0
     d = 0.1 * v0 * v0 + 4.0 * spot / (begin * dt) ** 2 + force * (dt * inverse) ** 2
     level = step.base_level(plant, y[0], 1.0)
     gives = _stuck_motion(plant, y[0], alike)
-    n_states = 5 if kind.contact else 4
+    n_states = 5 if contact else 4
     cov = np.zeros((n_states, n_states))
     work = np.zeros((n_states, n_states))
     slides = cov
     rests = cov
     strain = 0.0
-    if kind.spring:
+    if spring:
         slides = two_masses.transition(plant, dt, 1.0)
         rests = two_masses.transition(plant, dt, 0.0)
         # A load at rest may pull at the spring with any force that friction holds.
         strain = (level / numbers[step.STIFFNESS]) ** 2 / 3.0
         two_masses.rigid_covariance(
-            cov, spot, d, 0.0 if memory[step.MODE] != 0.0 else strain, memory[step.MODE]
+            cov, p, d, 0.0 if memory[step.MODE] != 0.0 else strain, memory[step.MODE]
         )
     row = 0
     side = 0.0
     kept = False
-    pull = _Pull(1, 0.0, 0.0)
+    over = 1
+    pulled = 0.0
+    pull = 0.0
+    # The unstrained position of a sticking contact is as uncertain as the position was when it
+    # stopped: its covariances with position and velocity, and its variance.
+    strained = False
+    c0 = 0.0
+    c1 = 0.0
+    anchor = 0.0
     # At the start of a record it may have any strain that friction holds: a uniform distribution.
-    held = kind.contact and memory[step.MODE] == 0.0
+    held = contact and memory[step.MODE] == 0.0
     unknown = (level / numbers[step.CONTACT_STIFFNESS]) ** 2 / 3.0 if held else 0.0
-    belief = _Belief(spot, 0.0, d, 0.0, 0.0, 0.0, unknown, False)
     state[0, 0], state[1, 0], state[2, 0], state[3, 0] = y[0], v0, memory[step.MODE], 0.0
     out[0, 0] = 0.0
     out[1, 0] = 0.0
@@ -1136,77 +885,166 @@ def _innovations(
         t = t0 + (k - 1) * dt
         if known.shape[0] > 0:
             step.set_known_force(plant, t, dt, known, k - 1, first)
-        u0 = u[k - 1]
-        end = u[k] if first else u0
-        if kind.remembers:
+        end = u[k] if first else u[k - 1]
+        if remembers:
             show_states(plant, m)
         x = memory[step.X]
-        v = memory[step.V] + memory[step.SLIP] if kind.on_load else memory[step.V]
-        before = v
-        two, loose, inverse = _motor_alone(plant, m, kind)
-        mode = _mode_of(plant, m, kind, v)
-        variance, near = _force_variance(plant, m, kind, noise, t, dt, u0, v, mode, kept, belief)
+        v = memory[step.V]
+        mode = int(memory[step.MODE])
+        before = v = v + memory[step.SLIP] if on_load else v
+        # Motor and load that touch across a play are one mass.
+        two = play and not on_load and not _is_in_contact(plant, m)
+        loose = two and on_motor
+        two = two and not on_motor
+        inverse = numbers[step.INVERSE_MOTOR if two else step.INVERSE_MASS]
+        if mode == 0 and not contact and abs(v) > numbers[step.STICK_SPEED]:
+            mode = 1 if v > 0.0 else -1
+        sliding = mode != 0
+        total = d + g * g * p
+        width = math.sqrt(total)
+        near = structure == 0 and width > numbers[step.STICK_SPEED] and abs(v) < _NEAR * width
+        variance = force
+        if not sliding and not near and not contact and not kept:
+            variance = _random_force(plant, t, dt, m, u[k - 1], deviation)
+            variance += _pulled_off(plant, t, dt, m, u[k - 1], deviation)
+            near = structure == 0 and variance > 0.0
         if not near:
-            pull = _Pull(pull.over, 0.0, pull.side)
+            pulled = 0.0
         if kept:
-            _hold_at_rest(plant, m, events, counted, t, dt, u0, end)
-            belief = _with_variances(belief, belief.p + _CREEP * spot, belief.g, belief.d)
+            # Advance the drive; the axis stays at rest.
+            rest = memory[step.REST] + dt
+            count[0] = 0
+            keep_states(plant, m)
+            step.sample(plant, t, dt, u[k - 1], end, m, events, counted)
+            return_states(plant, m)
+            memory[step.X], memory[step.V] = x, 0.0
+            memory[step.MODE], memory[step.REST] = 0.0, rest
+            p += _CREEP * spot
         elif near:
-            p, g, d, pull = _predict_near(
-                plant, m, events, counted, points, t, dt, u0, end, x, v, mode, belief,
-                noise.deviation, fall, spot, kind.plain, pull,
+            p, g, d, over, pulled, pull = _predict_near(
+                plant, m, events, counted, points, t, dt, u[k - 1], end, x, v, mode, p, g, d,
+                deviation, fall, spot, plain, over, pulled, pull,
             )  # fmt: skip
-            belief = _with_variances(belief, p, g, d)
-        elif kind.spring:
-            belief = _predict_spring(
-                plant, m, events, counted, kind, noise, t, dt, u0, end, mode != 0, variance, rubs,
-                slides, rests, cov, work, belief,
-            )  # fmt: skip
+        elif spring:
+            stops = contact and not sliding and not strained
+            unknown = (
+                two_masses.stick_contact(cov, rubs, unknown) if stops else unknown * (not sliding)
+            )
+            strained = contact and not sliding
+            count[0] = 0
+            step.sample(plant, t, dt, u[k - 1], end, m, events, counted)
+            moves = sliding or memory[step.MODE] != 0.0
+            # A load at rest stays where it is, whatever the readings of its motor.
+            pinned = rubs if memory[step.MODE] == 0.0 and not contact else -1
+            two_masses.predict(slides if moves else rests, cov, force, pinned, work)
+            if pinned == 0:
+                _may_break_away(cov, variance, dt, _friction_inverse_mass(plant))
+            p = cov[0, 0] = cov[0, 0] + (_CREEP if pinned == 0 else 1e-6) * spot
         else:
-            belief = _predict_one(
-                plant, m, events, counted, kind, noise, t, dt, u0, end, x, v, mode, two, loose,
-                first, dx, inverse, variance, level, belief,
-            )  # fmt: skip
-        x = x_free = memory[step.X]
-        v = v_free = memory[step.V]
+            by_x, by_v, gives_way = _predict(
+                plant, m, events, counted, t, dt, u[k - 1], end, x, v, mode, two, at_once, first, dx
+            )
+            if not sliding and memory[step.MODE] != 0.0:
+                variance = force
+            if two:
+                # Across the play nothing holds the motor.
+                by_x = 0.0
+                by_v = 0.0
+                variance = force
+            if loose:
+                lighter = _friction_inverse_mass(plant) / inverse if sliding else 1.0
+                by_x = lighter * by_x
+                by_v = lighter * by_v
+                inverse = _friction_inverse_mass(plant)
+            sticking = contact and not sliding and not two
+            unknown = 0.0 if sliding else unknown
+            if sticking and not strained:
+                c0 = p
+                c1 = g * p
+                anchor = p + unknown
+                unknown = 0.0
+            strained = sticking
+            if sticking:
+                keeps = 1.0
+                if bristles:
+                    way = numbers[step.CONTACT_STIFFNESS] * abs(memory[step.X] - x)
+                    keeps = math.exp(-way / level)
+                p, g, d, c0, c1, anchor = _elastic_covariance(
+                    by_x, by_v, gives_way, keeps, dt, inverse, variance, p, g, d, c0, c1, anchor
+                )
+            else:
+                creep = _CREEP * spot if not sliding and not contact else 0.0
+                p, g, d = _spread(by_x, by_v, dt, inverse, variance, creep, p, g, d)
+            if not sliding and abs(g) < _NOTHING and d < _NOTHING:
+                g = 0.0
+                d = 0.0
+        # Reading.
+        x = memory[step.X]
+        v = memory[step.V]
+        x_free = x
+        v_free = v
         out[0, k] = 0.0
         out[1, k] = 0.0
         if good[k]:
-            value = w[k] if kind.fast else y[k]
-            if _way(kind, value, y[still], scale) > alike:
+            if (scale * abs(w[k]) if fast else abs(y[k] - y[still])) > alike:
                 if kept:
                     # The axis has broken away, at an unknown velocity.
                     kept = False
-                    belief = _with_variances(belief, belief.p, 0.0, (alike / dt) ** 2)
+                    g = 0.0
+                    d = (alike / dt) ** 2
                 still = k
-            e, outside, counts = _innovation(plant, m, kind, noise, t + dt, dt, value, before, dx)
-            belief = _as_read(kind, belief, cov[1, 1])
-            out[0, k], out[1, k] = outside, reading + counts * belief.p
-            ratio = e * e / (belief.p + reading)
-            spread = reading
-            row, side = _outliers_in_a_row(ratio, e, row, side)
+            if fast:
+                e = w[k] - _velocity(plant, t + dt, m, dx)
+                by = w[k] - e - before
+                p, g, d = (cov[1, 1], g, d) if spring else _swap_states(p, g, d)
+                c0, c1 = c1, c0
+            else:
+                e = y[k] - step.encoder_reading(plant, t + dt, m)
+                by = v * dt
+            s = p + reading
+            e, outside, counts = _in_cell(e, by, cell, reading)
+            out[0, k], out[1, k] = outside, reading + counts * p
+            ratio = e * e / s
+            noise = reading
+            if ratio > _STRANGE:
+                row = row + 1 if side * e > 0.0 else 1
+                side = 1.0 if e > 0.0 else -1.0
+            else:
+                row = 0
             if row == _IN_A_ROW:
                 row = 0
-                spread, kept, strained, x, v, e, p, g, d = _not_as_predicted(
-                    plant, m, cov, strain, t, dt, end, y, k, k - still, alike, gives, kind.fast,
-                    reading, spot, kept, belief.strained, x, v, e, belief.p, belief.g, belief.d,
+                noise, kept, strained, x, v, e, p, g, d = _not_as_predicted(
+                    plant, m, cov, strain, t, dt, end, y, k, k - still, alike, gives, fast,
+                    reading, spot, kept, strained, x, v, e, p, g, d,
                 )  # fmt: skip
-                belief = _Belief(
-                    p, g, d, belief.c0, belief.c1, belief.anchor, belief.unknown, strained
-                )
             elif ratio > DOUBTED:
-                spread = reading * ratio / DOUBTED
-            if kind.spring:
+                noise = reading * ratio / DOUBTED
+            if spring:
                 # A reading of the motor tells of the load, too.
-                part = e / (belief.p + spread)
-                _tells_of_load(m, cov, kind.at, rubs, belief.strained, part)
-                slope = cov[1, 0] / belief.p
-                two_masses.correct(cov, kind.at, belief.p + spread, work)
-                belief = _with_variances(belief, belief.p, slope, belief.d)
-            x, v, state[4, k], state[5, k], belief = _correct(
-                plant, m, kind, x, v, e, outside, counts, spread, belief
-            )
-            if kind.remembers:
+                _tells_of_load(m, cov, at, rubs, strained, e / (p + noise))
+                g = cov[1, 0] / p
+                two_masses.correct(cov, at, p + noise, work)
+            gain = p / (p + noise)
+            to_anchor = 0.0
+            if strained and not spring:
+                to_anchor = counts * c0 / (p + noise)
+                anchor = max(anchor - to_anchor * c0, 0.0)
+                c0, c1 = c0 - gain * c0, c1 - gain * g * c0
+            by_x, by_v = (gain * g, gain) if fast else (gain, gain * g)
+            state[4, k], state[5, k] = by_x, by_v
+            p = gain * noise
+            if fast:
+                p, g, d = _swap_states(p, g, d)
+                c0, c1 = c1, c0
+            x += by_x * e
+            v += by_v * e
+            if play and not _is_in_contact(plant, m):
+                x, v = _correct_play(m, on_load, x, v, by_x * e, by_v * e)
+            memory[step.X], memory[step.V] = x, v
+            if contact and not spring and memory[step.MODE] == 0.0:
+                z = memory[step.DEFLECTION] + by_x * e - to_anchor * outside
+                memory[step.DEFLECTION] = _clip_deflection(plant, x, z) if bristles else z
+            if remembers:
                 drive = step.drive_now(plant, t + dt, dt, m, end)
                 shift_states(plant, t + dt, m, drive, x - x_free)
         if not (abs(x - y[0]) < _LOST * span and abs(v) * dt < farthest):

@@ -695,6 +695,7 @@ rows(
     ("slow_ramp_experiment", dict(axis=AXIS.replace(travel=None)), "give travel", "travel"),
     ("slow_ramp_experiment", dict(duration=Each(2e-3, 1e12)), "samples"),
     ("diagnose", dict(window=0.5), "shorter window"),
+    ("diagnose", dict(load_errors=3.0), "shape"),
     ("diagnose", dict(record=[]), "at least one", "list of records"),
     ("diagnose", dict(on_update=True), "function of a step"),
     ("next_experiment", dict(rivals=3), "sequence of FrictionAxis"),

@@ -26,6 +26,9 @@ SLUGS = {name: slug for slug, name in BASE.items()}
 
 # Margin at each end of the records' travel, as a fraction of it, in which a place is still valid.
 _TRAVEL_MARGIN = 0.1
+# The same of the rest of a spring, which is preloaded by so many times what it gains over the
+# travel; beyond, it is a constant force.
+_PRELOAD = 2.0
 # Characteristic speed over the fast speed of the records, beyond which it has no visible effect:
 # the record looks the same for all such values.
 _MAX_SPEED_RATIO = 3.0
@@ -106,12 +109,10 @@ def shown_range(
     if kind == "share":
         # A very light mass would vibrate over thousands of steps while the other rests.
         return KINDS["share"]
-    if own == effect.adds_constant:
-        return -math.inf, math.inf  # a preloaded spring is nowhere without force
     if kind == "place":
         low = min(float(r.x.min()) for r in records)
         high = max(float(r.x.max()) for r in records)
-        room = _TRAVEL_MARGIN * (high - low)
+        room = (_PRELOAD if own == effect.adds_constant else _TRAVEL_MARGIN) * (high - low)
         ends = travel or ()
         return min([low - room, *ends]), max([high + room, *ends])
     dt = float(np.median([r.dt for r in records]))

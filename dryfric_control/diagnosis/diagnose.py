@@ -703,9 +703,10 @@ def checked_load_errors(load_errors: ArrayLike | None, records: Sequence[Record]
     if len(records) > 1:
         raise ValueError("load_errors are of one record: diagnose the records one by one")
     if errors.ndim != 2 or errors.shape[1] != len(records[0]) or not np.isfinite(errors).all():
+        given = f"shape {errors.shape}" if errors.ndim else repr(load_errors)
         raise ValueError(
             f"load_errors must be finite forces of shape (k, {len(records[0])}), one for each "
-            f"sample of the record, got shape {errors.shape}"
+            f"sample of the record, got {given}"
         )
     errors.setflags(write=False)
     return errors

@@ -202,7 +202,11 @@ def diagnose_joints(
     if time_limit is not None:
         time_limit = positive("time_limit", time_limit, unit="s")
     cases: dict[Any, tuple[Any, ...]] = {}
-    load_errors = dict(load_errors or {})
+    load_errors = {} if load_errors is None else load_errors
+    if not isinstance(load_errors, Mapping):
+        raise ValueError(
+            f"load_errors must be a mapping of names of joints to forces, got {load_errors!r}"
+        )
     for name in load_errors:
         if name not in joints:
             raise ValueError(f"load_errors: {name!r} is no joint; they are {', '.join(joints)}")

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from dryfric_control.arm.log import checked_scaling, joint_records, refuse_other_robot
 from dryfric_control.arm.model_errors import ModelError, find_model_errors
-from dryfric_control.arm.rigid_model import Motion, RigidArm
+from dryfric_control.arm.rigid_model import Motion, RigidArm, means_of_samples
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import check_boolean, instance
 from dryfric_control.model.axis import FrictionAxis
@@ -313,9 +313,9 @@ def _shifted(
 
 def _with_load(record: Record, coupling: Floats, note: str) -> Record:
     """A record whose load is a coupling force with the opposite sign, its mean over each sample."""
-    mean = 0.5 * (coupling + np.append(coupling[1:], coupling[-1:]))
     notes = tuple(one for one in record.notes if not one.startswith("load: "))
-    return record._with_changes(channels={**record.channels, "load": -mean}, notes=(*notes, note))
+    load = -means_of_samples(coupling)
+    return record._with_changes(channels={**record.channels, "load": load}, notes=(*notes, note))
 
 
 def _nominal(

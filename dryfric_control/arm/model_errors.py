@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from dryfric_control.arm.rigid_model import Link, Motion
+from dryfric_control.arm.rigid_model import Link, Motion, means_of_samples
 from dryfric_control.arm.wrong_log import HARDLY, Remains, undirected_joints, why_not_this_log
 from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.estimation.force_residual import Sliding, directions
@@ -322,8 +322,7 @@ def load_errors(records: ArmRecords) -> dict[str, Floats]:
             force -= np.outer(a, a @ force / max(float(a @ a), 1e-300))
             series, sizes, _ = np.linalg.svd(force, full_matrices=False)
             some = (series * sizes)[:, sizes > 0.0][:, :_MOST_DIRECTIONS].T
-            # As the load of a record: the mean over each sample.
-            found[joint] = 0.5 * (some + np.append(some[:, 1:], some[:, -1:], axis=1))
+            found[joint] = means_of_samples(some)
     return found
 
 

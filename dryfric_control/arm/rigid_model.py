@@ -40,6 +40,11 @@ class Motion(NamedTuple):
     a: Floats
 
 
+def means_of_samples(forces: Floats) -> Floats:
+    """Mean over each sample of forces at its instants, shape (..., n): the load of a record."""
+    return 0.5 * (forces + np.append(forces[..., 1:], forces[..., -1:], axis=-1))
+
+
 class Follower(NamedTuple):
     """A joint that a coupling moves along with another: a polynomial of its deflection."""
 

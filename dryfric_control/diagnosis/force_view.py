@@ -16,14 +16,10 @@ import numpy as np
 from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem
+from dryfric_control.estimation.force_residual import at_the_samples
 from dryfric_control.estimation.likelihood import BASE_LOG_DEVIATION, load_error_names
 from dryfric_control.estimation.parameters import SHIFT, values_of, with_values
-from dryfric_control.estimation.smoothed_motion import (
-    at_the_samples,
-    drive_at_the_mass,
-    known_force,
-    missing_force,
-)
+from dryfric_control.estimation.smoothed_motion import drive_at_the_mass, known_force, missing_force
 from dryfric_control.model.axis import FrictionAxis
 
 # Autocorrelation below which samples count as independent.

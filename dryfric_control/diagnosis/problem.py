@@ -331,10 +331,9 @@ def each_of(fit: Solution) -> dict[tuple[str, int], float]:
 
 def with_found_load(fit: Solution, record: Record, i: int = 0, note: str = "") -> Record:
     """Record i with its known load as a fit found it."""
-    error = fit.problem.load_error(fit.z, i)
-    if not error.size:
+    if not fit.problem.load_error(fit.z, i).size:
         return record
-    load = record.known_force + error if record.known_force.size else error
+    load = fit.problem.known_force(fit.z, i)
     return record._with_changes(note, channels={**record.channels, "load": load})
 
 

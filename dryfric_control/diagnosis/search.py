@@ -189,8 +189,8 @@ class Search:
         begins = [Start(one.axis, (*free, *one.free)) for one in starts] or [Start(axis, free)]
         names = (*names, *(starts[0].names if starts else ()))
         models = self._fit_starts(begins, names)
-        may_peak = PEAK in self._candidate_effects(Model(nominal)) and "coulomb" in problem.base
-        if problem.moves_in_jumps and may_peak:
+        level_free = problem.moves_in_jumps and "coulomb" in problem.base
+        if level_free and PEAK in self._candidate_effects(Model(nominal)):
             models += self._fit_starts(map(self._with_peak, begins), (*names, PEAK))
         return min(models, key=lambda one: one.fit.cost), builds_up
 

@@ -63,7 +63,7 @@ class Sliding:
         if limit is not None and pick.size > limit:
             pick = pick[:: -(-pick.size // limit)]
         kernel = _kernel(size, record.dt) if smooth_drive else None
-        drive, load = (held_mean(one, kernel) for one in (record.u, record.known_force))
+        drive, load = (_held_mean(one, kernel) for one in (record.u, record.known_force))
         self.smoothing = size
         self.t, self.x = record.t[pick], smooth.x[pick]
         self.v, self.a, self.u = smooth.v[pick], smooth.a[pick], drive[pick]
@@ -85,7 +85,12 @@ class Sliding:
         return np.maximum((high - low) / (2.0 * step), _MIN_SENSITIVITY)
 
 
-def held_mean(force: Floats, kernel: Floats | None = None) -> Floats:
+def at_the_samples(force: Floats, hold: str) -> Floats:
+    """Held force as the mean before and after each sample, else as it is."""
+    return _held_mean(force) if hold == "zero" else force
+
+
+def _held_mean(force: Floats, kernel: Floats | None = None) -> Floats:
     """Mean of a held force before and after each sample, smoothed by a kernel."""
     mean = 0.5 * (force + np.concatenate((force[:1], force[:-1])))
     if kernel is None or not force.size:

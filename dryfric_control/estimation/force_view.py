@@ -18,7 +18,7 @@ import numpy as np
 from dryfric_control.arrays import Floats, Ints
 from dryfric_control.compiled.likelihood import FIRST
 from dryfric_control.compiled.windowed_runs import contact_deflection
-from dryfric_control.estimation.force_residual import Sliding, held_mean
+from dryfric_control.estimation.force_residual import Sliding, at_the_samples
 from dryfric_control.estimation.likelihood import Likelihood, Run, prepare
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
@@ -108,7 +108,7 @@ class ForceView(Likelihood):
         left = run.force_residual(axis)
         error = self.load_error(z, i)
         if error.size:
-            left -= (held_mean(error) if run.hold == "zero" else error)[run.index]
+            left -= at_the_samples(error, run.hold)[run.index]
         left /= run.sliding.answer_to_drive(axis)
         out = np.zeros((2, n))
         state = np.zeros((6, n))

@@ -418,7 +418,7 @@ class Likelihood:
         # Of a likelihood in which they are not free, the load is right.
         return np.asarray(np.array(amounts) @ errors[: len(amounts)]) if amounts else np.zeros(0)
 
-    def _known_force(self, z: FloatArray, i: int) -> FloatArray:
+    def known_force(self, z: FloatArray, i: int) -> FloatArray:
         """Known force of record i with its error, as kernels take it."""
         known, error = self.runs[i].record.known_force, self.load_error(z, i)
         if not error.size:
@@ -453,7 +453,7 @@ class Likelihood:
         u = delay_input(run.u, self._values(z, i).get(SHIFT, self.shift) / record.dt)
         # One type of array, whether shifted or not: the filter is compiled for each.
         u.setflags(write=False)
-        known = self._known_force(z, i)
+        known = self.known_force(z, i)
         out = np.zeros((2, len(record)))
         state = np.zeros((6, len(record)))
         for start, end in run.pieces:
@@ -719,7 +719,7 @@ class Likelihood:
             states[0],
             states[1],
             self.runs[i].u,
-            self._known_force(z, i),
+            self.known_force(z, i),
             direction,
             a,
         )

@@ -12,7 +12,7 @@ from dryfric_control.checks import warn
 from dryfric_control.estimation.drive_regression import DriveRegression
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.data_check import energy_message, speed_message
-from dryfric_control.records.motion import directions, usual_speeds
+from dryfric_control.records.motion import fast_speed
 from dryfric_control.records.read import as_record
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_warning import RecordWarning
@@ -34,9 +34,10 @@ _SURE = 0.1
 _ALIKE = 10.0
 _NEAR = 5.0
 # Ratio of the stick velocity to the largest usual velocity beyond which the axis is at rest for
-# much of what the record calls motion, and the ratio to lower it to.
+# much of what the record calls motion.
 _MAX_STICK_RATIO = 0.05
-_SMALL = 1e-3
+#: The ratio at which it is rest.
+STICK_RATIO = 1e-3
 # Effect with which a stuck axis moves on.
 _CREEPING = "presliding"
 # Units by the factor on a channel that was taken for the SI unit.
@@ -154,7 +155,7 @@ def record_doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -
         found.append(Doubt(unit, unit))
     elif weak := _weak_drive(axis, record, strongest, scaled):
         found.append(Doubt(weak))
-    fast = _fast_motion(record)
+    fast = fast_speed(record)
     if slow := _slow_motion(axis, fast):
         found.append(Doubt(slow, slow if fast < axis.stick_speed else ""))
     if not (found or scaled) and axis.units[0] == "m" and (text := speed_message(record)):
@@ -184,12 +185,6 @@ def _weak_drive(axis: FrictionAxis, record: Record, strongest: float, scaled: bo
     return ""
 
 
-def _fast_motion(record: Record) -> float:
-    """Largest usual velocity of a record in motion, infinite for one without."""
-    moving = directions(record) != 0
-    return usual_speeds(record.derivatives().v[moving])[1] if moving.any() else math.inf
-
-
 def _slow_motion(axis: FrictionAxis, fast: float) -> str:
     """What to say of motion that is slow beside the stick velocity of the axis; empty if none."""
     if any(effect.slug == _CREEPING for effect in axis.effects):
@@ -200,7 +195,7 @@ def _slow_motion(axis: FrictionAxis, fast: float) -> str:
     return (
         f"the record moves at up to {fast:.2g} {unit} in 95 % of its motion, and the axis counts "
         f"as motionless below its stick velocity of {axis.stick_speed:.2g} {unit}: lower that, "
-        f"axis.replace(stick_speed={_SMALL * fast:.1g})"
+        f"axis.replace(stick_speed={STICK_RATIO * fast:.1g})"
     )
 
 

@@ -15,7 +15,7 @@ from scipy.ndimage import binary_dilation, gaussian_filter1d
 
 from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.compiled.cached import njit
-from dryfric_control.estimation.force_residual import at_the_mass
+from dryfric_control.estimation.force_residual import at_the_mass, at_the_samples
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.model.friction_curve import net_force
@@ -221,14 +221,6 @@ def known_force(record: Record, hold: str = "zero") -> Floats:
     """Known force on the mass in the same way, shape (n,); zeros where there is none."""
     force = record.known_force
     return at_the_samples(force, hold) if force.size else np.zeros(len(record))
-
-
-def at_the_samples(u: Floats, hold: str) -> Floats:
-    """Held input as the mean before and after each sample, else as it is."""
-    if hold != "zero":
-        return u
-    before = np.concatenate((u[:1], u[:-1]))
-    return np.asarray(0.5 * (u + before))
 
 
 def missing_force(axis: FrictionAxis, motion: SmoothedMotion, u: Floats, known: Floats) -> Floats:

@@ -9,11 +9,12 @@ import numpy as np
 
 from dryfric_control.checks import warn
 from dryfric_control.estimation.drive_regression import DriveRegression
+from dryfric_control.estimation.plausibility import STICK_RATIO
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.data_check import speed_message
-from dryfric_control.records.motion import directions, usual_speeds
+from dryfric_control.records.motion import fast_speed
 from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
 from dryfric_control.result_table import Quantity, format_table
@@ -23,8 +24,6 @@ from dryfric_control.text import Result, documented, page_reference, stated
 _HARDLY = 0.5
 # Inertial force of a mass that is not determined, over the Coulomb level, at most.
 _FAINT = 0.1
-# Ratio of the stick velocity to the largest usual velocity of the record, at most.
-_STICK_RATIO = 1e-3
 _NAMES = ("mass", "viscous", "coulomb")
 
 
@@ -203,8 +202,7 @@ def force_regression(record: RecordLike) -> ForceRegression:
 
 def _stick_speed(record: Record, length: str) -> float:
     """Stick velocity that is rest for this record: the default is for machines in m or rad."""
-    moving = directions(record) != 0
-    small = _STICK_RATIO * usual_speeds(record.derivatives().v[moving])[1]
+    small = STICK_RATIO * fast_speed(record)
     return min(FrictionAxis.stick_speed, small) if length in ("m", "rad") else small
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,12 @@ def usual_speeds(v: Floats) -> tuple[float, float]:
     """Smallest and largest absolute velocity in 90 % of some motion."""
     slow, fast = np.quantile(np.abs(v), (0.05, 0.95)) if v.size else (0.0, 0.0)
     return float(slow), float(fast)
+
+
+def fast_speed(record: Record) -> float:
+    """Largest usual velocity of a record in motion, infinite for one without."""
+    moving = directions(record) != 0
+    return usual_speeds(record.derivatives().v[moving])[1] if moving.any() else math.inf
 
 
 def directions(record: Record) -> NDArray[np.int8]:

@@ -876,7 +876,10 @@ def _first_switch(t, d, memory, scratch, known, events, count):
 
 @step.internal
 def _acceleration_bound(plant, drive, t, d, state):
-    """Largest acceleration over d of one mass that the drive moves, and rate of its force."""
+    """Bounds over d for one mass that the drive moves.
+
+    Largest acceleration; rate of the force but for an elastic contact, rate and range of that.
+    """
     numbers, y, p = plant.numbers, state[step.X], state[step.V]
     felt = max(abs(drive.start), abs(drive.start + drive.slope * d)) + abs(drive.fade)
     w = abs(step.load_under(plant, 0.0, t, y, p, math.copysign(1.0, p), state[step.REST])) + felt
@@ -891,10 +894,48 @@ def _acceleration_bound(plant, drive, t, d, state):
     speed = abs(p) + d * (by_force + braking)
     loads, levels = step.hold_rate(plant, step.drive_rate(drive), y, speed, by_force + braking)
     rate = loads + levels + numbers[step.VISCOUS] * (by_force + braking)
+    grown = d * (loads + levels) * numbers[step.INVERSE_MASS]
+    bends, swing = 0.0, 0.0
     if plant.integers[step.STRUCTURE] & step.CONTACT:
-        rate += numbers[step.CONTACT_STIFFNESS] * speed
-        rate += numbers[step.STICK_RATE] / numbers[step.INVERSE_MASS] * (by_force + braking)
-    return by_force + braking + d * (loads + levels) * numbers[step.INVERSE_MASS], rate
+        bends = numbers[step.CONTACT_STIFFNESS] * speed
+        bends += numbers[step.STICK_RATE] / numbers[step.INVERSE_MASS] * (by_force + braking)
+        # Its two ends hold what the peak does.
+        drift = d * (levels - step.peak_rate(plant, y, by_force + braking))
+        felt = step.drive_force(drive, 0.0)
+        swing = _swing(plant, t, d, state, felt, by_force + grown, drift)
+    return by_force + braking + grown, rate, bends, swing
+
+
+@step.internal
+def _swing(plant, t, d, state, felt, push, drift):
+    """Range of the force of an elastic contact over d, infinite if the motion may turn.
+
+    `felt`: the drive; `push`: largest acceleration but for damping; `drift`: largest change of
+    the level but for its peak.
+    """
+    numbers, y, v = plant.numbers, state[step.X], state[step.V]
+    s, speed, decay = math.copysign(1.0, v), abs(v), numbers[step.STICK_RATE]
+    rest = state[step.REST]
+    w = step.load_under(plant, felt, t, y, v, s, rest)
+    force = s * numbers[step.CONTACT_STIFFNESS] * state[step.DEFLECTION]
+    # The impulse of its damping is that of its deflection: at most up to breakaway, or to none.
+    further = max(_bound(plant, t, y, 0.0, w, s, rest) + drift - force, 0.0)
+    slow = speed - push * d - decay * further / numbers[step.CONTACT_STIFFNESS]
+    if not slow > 0.0:
+        return math.inf
+    fast = speed + push * d + decay * max(force, 0.0) / numbers[step.CONTACT_STIFFNESS]
+    # A contact that is dragged on only comes nearer to its level.
+    ends = _bound(plant, t, y, s * slow, w, s, rest), _bound(plant, t, y, s * fast, w, s, rest)
+    low, high = min(ends) - drift, max(ends) + drift
+    if rest > 0.0:
+        low = min(low, _bound(plant, t, y, s * fast, w, s, 0.0) - drift)
+    least, most = min(force, low), max(force, high)
+    damped = 1.0
+    if _bristles(plant):
+        if low <= 0.0:
+            return math.inf
+        damped = max(abs(1.0 - least / high), abs(most / low - 1.0))
+    return most - least + decay / numbers[step.INVERSE_MASS] * damped * fast
 
 
 @step.internal(forceinline=True)
@@ -951,9 +992,9 @@ def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, c
     finest, state, hidden = _FINEST_LOOK * d, step.spare_memory(), plant.numbers[step.ALLOWED]
     _state_of_one(plant, memory, state)
     start = _push(plant, drive, t, state, side)
-    rate = _acceleration_bound(plant, drive, t, d, state)[1]
-    rate *= plant.numbers[step.INVERSE_MASS] / plant.numbers[step.INVERSE_MOTOR]
-    rate += step.drive_rate(drive)
+    _, rate, bends, swing = _acceleration_bound(plant, drive, t, d, state)
+    share = plant.numbers[step.INVERSE_MASS] / plant.numbers[step.INVERSE_MOTOR]
+    rate, bends, swing = share * rate + step.drive_rate(drive), share * bends, share * swing
     a, length, force, b, looked = 0.0, d, end, d, d
     while a < d:
         b, force = d, end
@@ -963,10 +1004,13 @@ def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, c
             force = _move_one_mass(plant, drive, t, b, memory, side, scratch, events, count)
         if force < 0.0:
             break
-        change = rate * (b - a)
+        change = rate * (b - a) + min(bends * (b - a), 2.0 * swing)
         seen = change * (b - a) * plant.numbers[step.INVERSE_MOTOR] > hidden
         if start + force < change and b - a > 1.01 * finest and seen:
-            length = margin_step(b - a, start, rate, finest)
+            margin, fastest = start, rate + bends
+            if (start - swing) * fastest > start * rate:
+                margin, fastest = start - swing, rate
+            length = margin_step(b - a, margin, fastest, finest)
             continue
         length, a, start = max(2.0 * (b - a), finest), b, force
     if looked != b:

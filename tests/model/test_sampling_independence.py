@@ -32,6 +32,7 @@ AXES = {
     "play": {"effects": [PLAY]},
     "play, encoder on the load": {"effects": [fx.LoadEncoderBacklash(2e-4, 0.4)]},
     "play, contact": {"effects": [PLAY, CONTACT]},
+    "play, bristles": {"effects": [PLAY, BRISTLES]},
     "play, load": {"effects": [PLAY, LOADED]},
     "play, lag": {"effects": [PLAY, LAG]},
     "play, dwell": {"effects": [PLAY, DWELL]},

@@ -192,7 +192,7 @@ class Gram:
         self._add(itertools.chain(self._columns(), self._after_reversal()))
 
     def _after_reversal(self) -> Iterator[tuple[str, Column, FloatArray, float]]:
-        forces = [*self.here.after_reversal()]
+        forces = [*self.here.of_memory()]
         values = self.here.of_forces(forces)
         for j, force in enumerate(forces):
             column = Column(lambda c: {}, (force,), shapes=len(forces))
@@ -369,7 +369,7 @@ class Gram:
         """
         runs = self.problem.fast_stretches
         short = sum(int(r.active.sum()) for r in runs) < _MAX_STRETCH_PART * self.problem.samples
-        if self.problem.is_imposed or not short:
+        if self.problem.is_imposed or not (short and tasks):
             return [*tasks]
 
         def costs(name: str, column: Column) -> list[float]:
@@ -379,8 +379,8 @@ class Gram:
                 self.fail(name, str(problem))
                 return [math.inf] * len(self._parts)
 
-        rows = self.problem.parallel(costs, *(zip(*tasks, strict=True) if tasks else ((), ())))
-        levels = np.min(rows, axis=0) if rows else np.zeros(len(self._parts))
+        rows = self.problem.parallel(costs, *zip(*tasks, strict=True))
+        levels = np.min(rows, axis=0)
         with np.errstate(invalid="ignore"):  # where no shape has a likelihood
             ranks = np.nan_to_num(np.array(rows) - levels, nan=math.inf).min(
                 axis=1, initial=math.inf

@@ -32,6 +32,10 @@ def _on_motor() -> Any:
     )  # fmt: skip
 
 
+# Resonances that are tried, times the sampling time [rad]: up to half of what samples can show.
+_TURNS = np.geomspace(0.02, 1.6, 18)
+
+
 def _elastic_length(view: View) -> float:
     """Length over which a contact or a play acts, from resolution and travel."""
     return max(3.0 * view.quantum, 5e-5 * view.span)
@@ -316,7 +320,7 @@ class Compliance(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        for turn, motor in itertools.product(np.geomspace(0.02, 0.5, 14) / view.dt, (0.0, 1.0)):
+        for turn, motor in itertools.product(_TURNS / view.dt, (0.0, 1.0)):
             inertia = _SHARE * view.axis.mass
             yield simulated_column(
                 stiffness=inertia * turn**2, damping=2.0 * _RATIO * inertia * turn,

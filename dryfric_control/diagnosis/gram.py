@@ -192,7 +192,7 @@ class Gram:
         self._add(itertools.chain(self._columns(), self._after_reversal()))
 
     def _after_reversal(self) -> Iterator[tuple[str, Column, FloatArray, float]]:
-        forces = [*self.here.of_memory()]
+        forces = [*self.here.after_reversal()]
         values = self.here.of_forces(forces)
         for j, force in enumerate(forces):
             column = Column(lambda c: {}, (force,), shapes=len(forces))

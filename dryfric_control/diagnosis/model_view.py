@@ -213,12 +213,10 @@ class ModelView:
         """Columns of base parameters, each for a relative change of 1."""
         return self.of_forces(self.base_forces(names))
 
-    def of_memory(self) -> Iterator[Floats]:
-        """Forces by which shapes with a memory show.
+    def after_reversal(self) -> Iterator[Floats]:
+        """Forces that friction lacks for a distance after a reversal, or after any start.
 
-        Play, elastic contacts and compliance lack friction for a distance after a reversal, or
-        after any start, whatever their law; a dwell time adds to it.  Two masses on a spring need a
-        force by the second derivative of the drive, besides, below their resonance.
+        Play, elastic contacts and compliance do so, whatever their law; a dwell time adds to it.
         """
         shortest = max(_SHORTEST_BUILDUP_INCREMENTS * self.quantum, _SHORTEST_BUILDUP * self.span)
         longest = max(_LONGEST_BUILDUP * self.span, 2.0 * shortest)
@@ -232,8 +230,6 @@ class ModelView:
             for length in np.geomspace(shortest, longest, _BUILDUPS):
                 yield -self.direction * self.level * np.exp(-since / length)
                 yield -self.direction * self.level * (since < length)
-        bends = [np.gradient(np.gradient(self.drive[part])) for part in self.slices]
-        yield np.concatenate(bends) * (self.direction != 0.0)
 
     def same_force(
         self, effect: Effect, name: str, names: Sequence[str]

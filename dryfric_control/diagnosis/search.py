@@ -420,9 +420,9 @@ class Search:
     ) -> bool:
         """Whether shapes with a memory, which take passes of the filter, are tried in a round.
 
-        Where they show in the force, or single readings are far off, and no explanation leaves
-        nothing; beside or in the place of another cause, only where the former is the first thing
-        to be seen.  A random force that mutes every explanation may hide them.
+        Where friction builds up after reversals, or single readings are far off, and no
+        explanation leaves nothing; beside or in the place of another cause, only where the former
+        is the first thing to be seen.  A random force that mutes every explanation may hide them.
         """
         if among and not any(effect_class(n).remembers for n in among):
             return False

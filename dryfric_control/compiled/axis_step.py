@@ -819,26 +819,26 @@ def _map_slope(plant, first, count):
 
 
 @internal(forceinline=True)
-def _raised_level(plant, x):
+def raised_level(plant, x):
     """What the Coulomb level is at most while the axis moves a little."""
     return _RAISED * max(base_level(plant, x, 1.0), base_level(plant, x, -1.0))
 
 
 @internal(forceinline=True)
-def peak_rate(plant, x, acceleration):
-    """Largest rate of the Stribeck peak [N/s]."""
+def peak_rate(plant, level, acceleration):
+    """Largest rate of the Stribeck peak on a Coulomb level [N/s]."""
     numbers = plant.numbers
     if numbers[EXCESS] <= 0.0:
         return 0.0
     steepest = _STEEPEST_PEAK * numbers[EXCESS] * numbers[INVERSE_STRIBECK_SPEED]
-    return _raised_level(plant, x) * steepest * acceleration
+    return level * steepest * acceleration
 
 
 @internal
 def hold_rate(plant, changing, x, speed, acceleration):
     """Largest rates of load and of level [N/s], under a drive that is `changing` so fast."""
     numbers, i = plant.numbers, plant.integers
-    level = _raised_level(plant, x)
+    level = raised_level(plant, x)
     force, friction = i[N_INPUT], i[N_INPUT] + i[N_FORCE]
     by_drive, forces = 1.0, abs(numbers[KNOWN_RATE])
     for k in range(force, friction):
@@ -852,7 +852,7 @@ def hold_rate(plant, changing, x, speed, acceleration):
         by_load += share * numbers[law + BY_LOAD]
         unit = level if numbers[law + RELATIVE] != 0.0 else 1.0
         levels += share * unit * _slope_rate(numbers, law, speed, acceleration)
-    levels += peak_rate(plant, x, acceleration)
+    levels += peak_rate(plant, level, acceleration)
     if i[N_PLUS] + i[N_MINUS] > 2:
         plus = _map_slope(plant, COULOMB, i[N_PLUS])
         minus = _map_slope(plant, COULOMB + i[N_PLUS], i[N_MINUS])

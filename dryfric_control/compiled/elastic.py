@@ -874,12 +874,19 @@ def _first_switch(t, d, memory, scratch, known, events, count):
     return max(switch, step.CLOSE * d) if switch < (1.0 - step.CLOSE) * d else d
 
 
-@step.internal
-def _acceleration_bound(plant, drive, t, d, state):
-    """Bounds over d for one mass that the drive moves.
+class Bounds(NamedTuple):
+    """What one mass that the drive moves does at most within a stretch."""
 
-    Largest acceleration; rate of the force but for an elastic contact, rate and range of that.
-    """
+    push: float  # acceleration but for what brakes it at rest, or damps its contact
+    braking: float  # acceleration by that
+    drift: float  # change of the level but for its peak
+    rate: float  # rate of the force but for an elastic contact
+    bends: float  # rate of the force of that contact
+
+
+@step.internal
+def _bounds(plant, drive, t, d, state):
+    """Bounds over d of one mass that the drive moves."""
     numbers, y, p = plant.numbers, state[step.X], state[step.V]
     felt = max(abs(drive.start), abs(drive.start + drive.slope * d)) + abs(drive.fade)
     w = abs(step.load_under(plant, 0.0, t, y, p, math.copysign(1.0, p), state[step.REST])) + felt
@@ -894,29 +901,25 @@ def _acceleration_bound(plant, drive, t, d, state):
     speed = abs(p) + d * (by_force + braking)
     loads, levels = step.hold_rate(plant, step.drive_rate(drive), y, speed, by_force + braking)
     rate = loads + levels + numbers[step.VISCOUS] * (by_force + braking)
-    grown = d * (loads + levels) * numbers[step.INVERSE_MASS]
-    bends, swing = 0.0, 0.0
+    bends = 0.0
     if plant.integers[step.STRUCTURE] & step.CONTACT:
         bends = numbers[step.CONTACT_STIFFNESS] * speed
         bends += numbers[step.STICK_RATE] / numbers[step.INVERSE_MASS] * (by_force + braking)
-        # Its two ends hold what the peak does.
-        drift = d * (levels - step.peak_rate(plant, y, by_force + braking))
-        felt = step.drive_force(drive, 0.0)
-        swing = _swing(plant, t, d, state, felt, by_force + grown, drift)
-    return by_force + braking + grown, rate, bends, swing
+    # The two ends of a swing hold what the peak does.
+    level = step.raised_level(plant, y)
+    drift = d * (levels - step.peak_rate(plant, level, by_force + braking))
+    push = by_force + d * (loads + levels) * numbers[step.INVERSE_MASS]
+    return Bounds(push, braking, drift, rate, bends)
 
 
 @step.internal
-def _swing(plant, t, d, state, felt, push, drift):
-    """Range of the force of an elastic contact over d, infinite if the motion may turn.
-
-    `felt`: the drive; `push`: largest acceleration but for damping; `drift`: largest change of
-    the level but for its peak.
-    """
+def _swing(plant, drive, t, d, state, bounds):
+    """Range of the force of an elastic contact over d, infinite if the motion may turn."""
+    push, drift = bounds.push, bounds.drift
     numbers, y, v = plant.numbers, state[step.X], state[step.V]
     s, speed, decay = math.copysign(1.0, v), abs(v), numbers[step.STICK_RATE]
     rest = state[step.REST]
-    w = step.load_under(plant, felt, t, y, v, s, rest)
+    w = step.load_under(plant, step.drive_force(drive, 0.0), t, y, v, s, rest)
     force = s * numbers[step.CONTACT_STIFFNESS] * state[step.DEFLECTION]
     # The impulse of its damping is that of its deflection: at most up to breakaway, or to none.
     further = max(_bound(plant, t, y, 0.0, w, s, rest) + drift - force, 0.0)
@@ -992,9 +995,11 @@ def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, c
     finest, state, hidden = _FINEST_LOOK * d, step.spare_memory(), plant.numbers[step.ALLOWED]
     _state_of_one(plant, memory, state)
     start = _push(plant, drive, t, state, side)
-    _, rate, bends, swing = _acceleration_bound(plant, drive, t, d, state)
+    bounds = _bounds(plant, drive, t, d, state)
     share = plant.numbers[step.INVERSE_MASS] / plant.numbers[step.INVERSE_MOTOR]
-    rate, bends, swing = share * rate + step.drive_rate(drive), share * bends, share * swing
+    rate, bends, swing = share * bounds.rate + step.drive_rate(drive), share * bounds.bends, 0.0
+    if bends > 0.0 and start + end < (rate + bends) * d:
+        swing = share * _swing(plant, drive, t, d, state, bounds)
     a, length, force, b, looked = 0.0, d, end, d, d
     while a < d:
         b, force = d, end
@@ -1142,7 +1147,8 @@ def _relative_acceleration(plant, drive, t, d, memory):
     state, rubs = step.spare_memory(), _motor_has_friction(plant)
     _state_of_one(plant, memory, state)
     felt = drive if rubs else step.held_force(0.0)
-    most = _acceleration_bound(_load_side(plant), felt, t, d, state)[0]
+    bounds = _bounds(_load_side(plant), felt, t, d, state)
+    most = bounds.push + bounds.braking
     if rubs:
         return most
     push = max(abs(drive.start), abs(drive.start + drive.slope * d)) + abs(drive.fade)

@@ -928,8 +928,9 @@ def _swing(plant, drive, t, d, state, bounds):
         return math.inf
     fast = speed + push * d + decay * max(force, 0.0) / numbers[step.CONTACT_STIFFNESS]
     # A contact that is dragged on only comes nearer to its level.
-    ends = _bound(plant, t, y, s * slow, w, s, rest), _bound(plant, t, y, s * fast, w, s, rest)
-    low, high = min(ends) - drift, max(ends) + drift
+    slowest = _bound(plant, t, y, s * slow, w, s, rest)
+    fastest = _bound(plant, t, y, s * fast, w, s, rest)
+    low, high = min(slowest, fastest) - drift, max(slowest, fastest) + drift
     if rest > 0.0:
         low = min(low, _bound(plant, t, y, s * fast, w, s, 0.0) - drift)
     least, most = min(force, low), max(force, high)
@@ -970,13 +971,16 @@ def _first_touch(plant, drive, t, d, lead, most, known, memory, scratch, events,
             looked = b = a + length
             count[step.LISTED] = known
             end = _move_two_masses(plant, drive, t, b, memory, scratch, events, count)
-        if abs(end) >= half:
-            break
         speed = most * (b - a)
-        passes = _passes(half - abs(start), half - abs(end), speed * (b - a))
-        if passes and b - a > 1.01 * finest and speed > hidden:
+        if abs(end) < half:
+            may = _passes(half - abs(start), half - abs(end), speed * (b - a))
+        else:
+            may = abs(end - start) < 0.5 * speed * (b - a)  # they may have met before, and parted
+        if may and b - a > 1.01 * finest and speed > hidden:
             length = max(0.5 * (b - a), finest)
             continue
+        if abs(end) >= half:
+            break
         length = max(2.0 * (b - a), finest)
         if b < d:
             start = end
@@ -989,7 +993,7 @@ def _first_touch(plant, drive, t, d, lead, most, known, memory, scratch, events,
 
 @step.internal
 def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, count):
-    """First part of a motion in contact after which the contact pulls, and its force; or d."""
+    """Part of a motion in contact in which the contact first pulls: both ends, and forces there."""
     # `end` is the contact force after d; `known`: listed switches.
     # It looks no closer where the pull changes velocities by less than noise hides.
     finest, state, hidden = _FINEST_LOOK * d, step.spare_memory(), plant.numbers[step.ALLOWED]
@@ -1007,21 +1011,22 @@ def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, c
             looked = b = a + length
             count[step.LISTED] = known
             force = _move_one_mass(plant, drive, t, b, memory, side, scratch, events, count)
-        if force < 0.0:
-            break
         change = rate * (b - a) + min(bends * (b - a), 2.0 * swing)
         seen = change * (b - a) * plant.numbers[step.INVERSE_MOTOR] > hidden
-        if start + force < change and b - a > 1.01 * finest and seen:
+        # A contact that pulls at the end may have pulled, and pushed, before.
+        if start + abs(force) < change and b - a > 1.01 * finest and seen:
             margin, fastest = start, rate + bends
             if (start - swing) * fastest > start * rate:
                 margin, fastest = start - swing, rate
             length = margin_step(b - a, margin, fastest, finest)
             continue
+        if force < 0.0:
+            break
         length, a, start = max(2.0 * (b - a), finest), b, force
     if looked != b:
         count[step.LISTED] = known
         force = _move_one_mass(plant, drive, t, b, memory, side, scratch, events, count)
-    return b, force
+    return a, start, b, force
 
 
 @step.internal
@@ -1066,13 +1071,15 @@ def _move_joined(plant, drive, t, d, exact, free, memory, scratch, side, events,
         if end >= 0.0:
             count[step.LISTED], d = known, switch
             end = _move_one_mass(plant, drive, t, d, memory, side, scratch, events, count)
+    a, start = 0.0, 0.0
     if free:
-        d, end = _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, count)
+        a, start, d, end = _first_pull(
+            plant, drive, t, d, end, side, known, memory, scratch, events, count
+        )
     if end < 0.0 and free:
-        _state_of_one(plant, memory, scratch)
-        start, after = _push(plant, drive, t, scratch, side), 0.0
+        after = 0.0
         d = _zero_time(
-            plant, drive, t, 0.0, start, d, end, exact * d, memory, side, 0.0, known, scratch,
+            plant, drive, t, a, start, d, end, exact * d, memory, side, 0.0, known, scratch,
             events, count,
         )  # fmt: skip
         _move_one_mass(plant, drive, t, d, memory, side, scratch, events, count)

@@ -10,14 +10,16 @@ import warnings
 from typing import Any
 
 import numba
+from numba.core import types
 
 # Part of the file names of this process.
 _PROCESS = uuid.uuid4().hex[:12]
 
 
 def njit(function: Any = None, **options: Any) -> Any:
-    """`numba.njit` whose files for its cache no other process writes.
+    """`numba.njit` once for all values of an argument, in files that no other process writes.
 
+    numba compiles a function again for each constant with which compiled code calls it.
     numba counts the files of a function by the index that it has read.  Two processes that compile
     it at once for different types of arguments give both files the same name, and whoever reads the
     index afterwards may get the code for the other types.
@@ -25,11 +27,19 @@ def njit(function: Any = None, **options: Any) -> Any:
     if function is None:
         return lambda function: njit(function, **options)
     compiled = numba.njit(function, **options)
+    compiled.get_call_template = _for_any_value(compiled.get_call_template)
     file = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     pattern = getattr(file, "_data_name_pattern", None)
     if file is not None and pattern is not None:
         file._data_name_pattern = pattern.replace("{number", f"{_PROCESS}.{{number")
     return compiled
+
+
+def _for_any_value(get_call_template: Any) -> Any:
+    """The same for the types of arguments in place of the constants that they are."""
+    return lambda args, kws: get_call_template(
+        tuple(types.unliteral(a) for a in args), {n: types.unliteral(a) for n, a in kws.items()}
+    )
 
 
 def _probe(value: float) -> float:

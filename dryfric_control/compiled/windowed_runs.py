@@ -465,12 +465,21 @@ def project(axis, w, search, at):
         _copy(after, 0, passed_on, inner)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def accelerations(numbers, integers, t, x, v, u, known, direction, out):
-    """Acceleration of the sliding mode at given states, into `out`; `known`: force, or (0,).
+def accelerations(numbers, integers, t, x, v, u, known, direction):
+    """Acceleration of the sliding mode at given states, shape (n,); `known`: force, or (0,).
 
     The states of effects follow the motion from one to the next, as long as time goes on.
     """
+    out = np.empty(direction.size)
+    # One type of array, whether it may be written or not: the kernel is compiled once.
+    columns = [np.array(one, float) for one in (t, x, v, u, known)]
+    _accelerations(numbers, integers, *columns, direction, out)
+    return out
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _accelerations(numbers, integers, t, x, v, u, known, direction, out):
+    """`accelerations` into `out`."""
     own = numbers.copy()
     remembers = integers[axis_step.STRUCTURE] & axis_step.REMEMBERS != 0
     plant = axis_step.point(own, integers)

@@ -711,19 +711,9 @@ class Likelihood:
     ) -> FloatArray:
         """Accelerations of an axis at filtered states of record i."""
         arrays = axis.arrays(1.0)
-        a = np.empty(direction.size)
-        accelerations(
-            arrays.numbers,
-            arrays.integers,
-            self.runs[i].record.t,
-            states[0],
-            states[1],
-            self.runs[i].u,
-            self.known_force(z, i),
-            direction,
-            a,
-        )
-        return a
+        run = self.runs[i]
+        motion = (run.record.t, states[0], states[1], run.u, self.known_force(z, i), direction)
+        return np.asarray(accelerations(arrays.numbers, arrays.integers, *motion))
 
     def rescale_information(self, h: FloatArray) -> FloatArray:
         """Information, for noises scaled to the curvature of the cost.

@@ -72,12 +72,9 @@ def _drive_slopes(found: Solution, i: int, axis: FrictionAxis, spread: float) ->
 
     def force(one: FrictionAxis, drive: float) -> Floats:
         arrays = one.arrays(1.0)
-        a = np.empty(direction.size)
-        accelerations(
-            arrays.numbers, arrays.integers, run.record.t, states[0], states[1], run.u + drive,
-            run.record.known_force, direction, a,
-        )  # fmt: skip
-        return axis.mass * a
+        record = run.record
+        motion = (record.t, states[0], states[1], run.u + drive, record.known_force, direction)
+        return np.asarray(axis.mass * accelerations(arrays.numbers, arrays.integers, *motion))
 
     here = [force(axis, side * spread) for side in (-1.0, 1.0)]
     rows = []

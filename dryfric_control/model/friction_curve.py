@@ -32,10 +32,9 @@ def net_force(axis: Axis, t: Any, x: Any, v: Any, u: Any, way: Any, load: Any = 
     `load`: known force on the mass at each state.
     """
     arrays = axis.arrays(1.0, moved=False)
-    found = np.empty(np.size(v))
     way = way.astype(np.int64)
-    accelerations(arrays.numbers, arrays.integers, t, x, v, u, load, way, found)
-    return np.asarray(axis.mass * found)
+    rates = accelerations(arrays.numbers, arrays.integers, t, x, v, u, load, way)
+    return np.asarray(axis.mass * rates)
 
 
 def friction_over_velocity(axis: Axis, v: ArrayLike, x: ArrayLike) -> Floats:

@@ -5,7 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+
 import dryfric_control
+from dryfric_control.compiled import windowed_runs
+from dryfric_control.compiled.cached import njit
+from dryfric_control.compiled.windowed_runs import accelerations
 
 PROGRAM = """
 from numba.core import caching
@@ -67,3 +72,29 @@ def test_processes_write_files_of_their_own(tmp_path):
         names.append({path.name for path in folder.rglob("*.polynomial-*.nbc")})
     assert all(names)
     assert names[0].isdisjoint(names[1])
+
+
+def test_a_function_is_compiled_once_whatever_constants_it_is_called_with():
+    @njit
+    def scaled(x, factor):
+        return factor * x
+
+    @njit
+    def summed(x, factor):
+        return scaled(x, 2) + scaled(x, 3) + scaled(x, factor)
+
+    assert summed(1.0, 4) == 9.0
+    assert len(scaled.signatures) == 1
+
+
+def test_accelerations_are_compiled_once_for_all_kinds_of_arrays():
+    axis = dryfric_control.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0)
+    numbers, integers = axis.arrays(1e-3).numbers, axis.arrays(1e-3).integers
+    t, u, way = np.zeros(3), np.full(3, 30.0), np.ones(3, np.int64)
+    states = np.arange(12.0).reshape(3, 4).T  # rows that are not contiguous
+    fixed = np.ones(3)
+    fixed.flags.writeable = False
+    for x, v in ((fixed, fixed), (np.ones(3), np.ones(3)), (states[0], np.ones(3))):
+        rates = accelerations(numbers, integers, t, x, v, u, np.empty(0), way)
+        np.testing.assert_allclose(rates, (30.0 - 8.0 - 15.0) / 2.0)
+    assert len(windowed_runs._accelerations.signatures) == 1

@@ -214,9 +214,6 @@ def difference(axis: Any, view: View) -> Floats:
     sign = np.sign(view.direction).astype(np.int64)
     for each in (axis, view.axis):
         arrays = each.arrays(1.0)
-        model.append(np.empty(view.x.size))
-        accelerations(
-            arrays.numbers, arrays.integers, view.t, view.x, view.v, view.u, view.load, sign,
-            model[-1],
-        )  # fmt: skip
+        states = (view.t, view.x, view.v, view.u, view.load, sign)
+        model.append(accelerations(arrays.numbers, arrays.integers, *states))
     return np.where(sign != 0, view.axis.mass * (model[0] - model[1]), 0.0)

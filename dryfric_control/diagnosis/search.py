@@ -231,6 +231,8 @@ class Search:
         problem = self.problem
         if not begin.causes:
             return begin  # the search begins with an effect beside none anyway
+        if len(begin.causes) == 1 and problem.is_exhausted(begin.fit):
+            return begin  # one cause leaves nothing that another would explain
         alone = Model(problem.fit(problem.believed, noises=noises_of(problem.nominal_fit)))
         some = {n for n in self._candidate_effects(alone) if effect_class(n).remembers}
         row = self._select_proposal(alone, self.round(alone, among=some) if some else ())

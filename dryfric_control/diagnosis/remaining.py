@@ -80,7 +80,9 @@ def remaining_force(
         # A single impact must not dominate the spectrum.
         size = np.quantile(np.abs(pushed[sliding]), 0.99) if sliding.any() else 0.0
         pushed = np.clip(pushed, -size, size)
-        force.append(welch(pushed, 1.0 / run.record.dt, nperseg=min(_SEGMENT_LENGTH, pushed.size)))
+        density = welch(pushed, 1.0 / run.record.dt, nperseg=min(_SEGMENT_LENGTH, pushed.size))
+        # At rest the force is 0, which has no part in its density while sliding.
+        force.append((density[0], density[1] / max(float(sliding.mean()), 1.0 / pushed.size)))
         sizes.append(found.random_force(i))
         last = min(_MAX_LAG, pushed.size - 1)
         lags[: last + 1] += products(pushed, last)

@@ -69,7 +69,9 @@ second of a kind has the name `cogging_2`, as in `fit(..., free=("cogging_2.ampl
 Each panel compares a simulated record with an axis that is correct except for the effect. It shows
 the force residual (drive force that the nominal axis would need to move in the same way, minus the
 actual drive force), forwards in blue and backwards in orange, over the quantity on which it depends
-most clearly. The section on each effect shows the same, next to the residual over velocity.
+most clearly. Where a force does not show the effect, the panel has what does: the position
+(presliding), the breakaway force (dwell time), the velocity (backlash, encoder on the load). The
+section on each effect shows the same, next to the residual over velocity.
 `d.plot()` draws such panels for your own record. `python docs/make_effects.py` draws these.
 
 ![Force residual of each missing effect, over what shows it best](images/effects.png)

@@ -144,7 +144,7 @@ def invariants() -> None:
     answer = {"inertia": inertia} | {
         name: np.abs(slide.force_residual(axis) - without).max() for name, axis in alone.items()
     }
-    figure, axes = plt.subplots(1, 2, figsize=(8.0, 2.6), layout="constrained")
+    figure, axes = plt.subplots(1, 2, sharex=True, figsize=(8.0, 2.6), layout="constrained")
     for row, (name, forces) in zip(
         axes, {"regression": regression, "diagnosis": answer}.items(), strict=True
     ):
@@ -153,7 +153,7 @@ def invariants() -> None:
         row.invert_yaxis()
         row.set_xlabel("largest force [N]")
         row.set_title(name, loc="left")
-    axes[1].legend(loc="lower right", frameon=False)
+    axes[1].legend(loc="lower right", fontsize="small", frameon=False)
     figure.savefig(IMAGES / "invariants.png", dpi=110)
 
 

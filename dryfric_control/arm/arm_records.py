@@ -131,13 +131,14 @@ class ArmRecords(Result, Mapping[str, tuple[FrictionAxis, Record]]):
         return _with_coupling(self.arm.without(errors), records, self.motion, given, late)
 
     def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
-        head = ("joint", "inertia", "least", "largest", "load RMS", "drive RMS", "unit")
+        head = ("joint", "inertia", "least", "largest", "unit", "load RMS", "drive RMS", "unit")
         rows: list[tuple[str, ...]] = [head]
         for joint, (axis, record) in self.items():
             least, most = self.inertia[joint]
             sizes = (float(np.sqrt(np.mean(f**2))) for f in (record.known_force, record.u))
-            numbers = (f"{one:.4g}" for one in (axis.mass, least, most, *sizes))
-            rows.append((joint, *numbers, axis.units[1]))
+            inertia = (f"{one:.4g}" for one in (axis.mass, least, most))
+            force = (f"{one:.4g}" for one in sizes)
+            rows.append((joint, *inertia, axis.unit("kg"), *force, axis.units[1]))
         yield rows
 
     def to_dict(self) -> dict[str, Any]:

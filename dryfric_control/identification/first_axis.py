@@ -70,8 +70,8 @@ class ForceRegression(Result):
         force = self.axis.units[1]
         length = self.axis.units[0]
         yield (
-            f"left of the drive: {self.rms:.3g} {force} RMS; beside these a constant force of "
-            f"{self.constant:.3g} {force} and {self.slope:.3g} {force}/{length} over place"
+            f"left of the drive: {self.rms:.3g} {force} RMS; beside these the drive has a constant "
+            f"part of {self.constant:.3g} {force} and {self.slope:.3g} {force}/{length} over place"
         )
         yield from (f"warning: {message}" for message in self.messages)
 

@@ -206,7 +206,7 @@ class SimulationResponse(Response):
             error = self.u[0] - self.y[0]
             factor, short = prefix_unit(float(np.abs(error).max()), length)
             axes[1].plot(self.t, error / factor, "C3", linewidth=1.0)
-            axes[1].axhline(0.0, color="k", linewidth=0.6, zorder=0)
+            axes[1].axhline(0.0, color="k", linewidth=0.6, zorder=0.5)  # on the grey bands
             names.insert(1, typeset_signs(f"error [{short}]"))
         velocity, forces = axes[-2:]
         velocity.plot(self.t, self.y[1], "k", label="v")

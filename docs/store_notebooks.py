@@ -18,6 +18,8 @@ from nbclient import NotebookClient
 from PIL import Image
 
 FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
+#: What a progress line shows last.
+PROGRESS = re.compile(r"\w+: .* \| so far: .* \| [\d.]+( of about [\d.]+)? s")
 
 
 def small_png(data: str) -> str:
@@ -42,6 +44,8 @@ def cleaned(output: nbformat.NotebookNode) -> nbformat.NotebookNode | None:
         return output if output.text.strip() else None
     data = output.get("data", {})
     if "application/vnd.jupyter.widget-view+json" in data:
+        return None
+    if PROGRESS.fullmatch(data.get("text/plain", "")):
         return None
     if "image/png" in data:
         data["image/png"] = small_png(data["image/png"])

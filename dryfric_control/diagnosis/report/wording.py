@@ -298,7 +298,8 @@ def brief_lines(d: Findings) -> list[str]:
     lines += [f"{i}. {line_of(d, one)}" for i, one in enumerate(shown[:_BRIEF_CAUSES], start=1)]
     more = max(0, len(shown) - _BRIEF_CAUSES) + len(d.small_corrections)
     if more > 0:
-        lines.append(f"and {more} more causes or small corrections")
+        rest = "causes or small corrections" if more > 1 else "cause or small correction"
+        lines.append(f"and {more} more {rest}")
     lines.append(f"{gain_title(d)}: {gain_text(d)}")
     if d.messages:
         count = len(d.messages)

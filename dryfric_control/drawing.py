@@ -189,7 +189,8 @@ def settled_scale(ax: Any, t: Any, *signals: Any) -> None:
             extreme = float(end([end(one) for one in signals]))
             if (extreme - bound) * (bound - 0.5 * (low + high)) > 0.0:
                 ax.text(
-                    0.01, 0.04 if end is np.min else 0.96, f"off the scale at the start: {extreme:.3g}",
+                    0.01, 0.04 if end is np.min else 0.96,
+                    f"off the scale at the start: {extreme:.3g}",
                     transform=ax.transAxes, ha="left", va="bottom" if end is np.min else "top",
                     fontsize="x-small", bbox={"fc": "w", "ec": "none", "alpha": 0.8, "pad": 1.0},
                 )  # fmt: skip

@@ -190,15 +190,20 @@ class Observer(Saved):
     5. `tables` gives the arrays that the kernel reads, made from the fields alone; no number of an
        observer stands anywhere else.
     6. All that changes is in `memory`, an array of floats whose first places are those of
-       `compiled.observer` (position, velocity, integral, mode), as the laws of effects read them.
-       Zeros are an observer before its first sample.
+       `compiled.observer` (position, velocity, integral, mode, ...), as the laws of effects read
+       them.  Zeros are an observer before its first sample.  Delay and lag of the drive are kept
+       from `LAGGED` on by `mean_drive` and `shift_drive`: then its length is `LINE` and the history
+       of the axis, and numbers of its own lie between `REST` and `LAGGED`.
     7. The kernel allocates nothing and uses numbers, arrays, ``if`` and ``for`` over a range only,
        as what is exported to C must.
     8. `position_places` names the places of the memory that hold positions, with their units,
        `rest_place` that of the time at rest: exported code in single precision needs them.
-    9. It is registered by its imports in `observer/__init__.py` and `dryfric_control/__init__.py`
-       and by its entry in `docs/reference.rst`; tests, faces included, follow from its place in
+    9. It is registered by its imports in `observer/__init__.py` and `dryfric_control/__init__.py`,
+       by its entries in `docs/reference.rst`, its class also in `RESULTS` of
+       `docs/_extensions/public_names.py`; tests of what all have in common follow from its place in
        `tests/observer/observers.py`.
+    10. The nominal axis goes through `error_model.own_axis`, which leaves out, with a warning, what
+       a rigid mass cannot have, and the Stribeck peak.
 
     Examples
     --------

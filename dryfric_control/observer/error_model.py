@@ -220,7 +220,10 @@ def own_axis(
     coulomb: CoulombMap | float | None = None,
     stick_speed: float | None = None,
 ) -> FrictionAxis:
-    """Axis that the observer believes in."""
+    """Axis that the observer believes in: no Stribeck peak, and what a rigid mass cannot have.
+
+    `stick_speed`: by default half that of the axis.
+    """
     instance("axis", axis, FrictionAxis)
     acting = axis.effective()
     if stick_speed is None:

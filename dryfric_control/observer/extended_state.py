@@ -42,6 +42,9 @@ BANDWIDTH_SHARE = 0.65
 #: Least and largest bandwidth times the sampling time where none is given [rad/sample].
 SLOWEST = 0.03
 FASTEST = 0.7
+#: What one increment moves the velocity by, times this, is no motion yet [1]: of a position of
+#: metres in increments of 1 um the round-off is some 1e-9 of an increment.
+REST_MARGIN = 1.001
 
 #: Places of the numbers that the compiled sample reads.
 (
@@ -256,8 +259,8 @@ def extended_state_observer(
         Whether the nominal Coulomb friction acts in the model, so that the third state estimates
         what it lacks; otherwise it estimates all of the friction.
     rest_speed : float, optional
-        Velocity below which the axis counts as resting [m/s].  Default: that by which one
-        increment moves the estimate, at least the stick velocity.
+        Velocity below which the axis counts as resting [m/s].  Default: just above that by which
+        one increment moves the estimate, at least half the stick velocity of `axis`.
 
     Returns
     -------
@@ -303,9 +306,7 @@ def extended_state_observer(
     bandwidth = positive("bandwidth", bandwidth, unit="rad/s")
     feedforward = check_boolean("feedforward", feedforward)
     if rest_speed is None:
-        rest_speed = max(
-            bandwidth_gains(own, dt, bandwidth)[1] * quantum,
-            own.stick_speed,
-        )
+        one_increment = REST_MARGIN * bandwidth_gains(own, dt, bandwidth)[1] * quantum
+        rest_speed = max(one_increment, own.stick_speed)
     rest_speed = positive("rest_speed", rest_speed, unit=axis.unit("m/s"))
     return ExtendedStateObserver(own, dt, quantum, bandwidth, feedforward, rest_speed)

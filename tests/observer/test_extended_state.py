@@ -103,3 +103,11 @@ def test_arguments_are_checked(change, words):
 def test_an_axis_without_coulomb_friction_needs_a_bandwidth():
     with pytest.raises(ValueError, match="bandwidth has no default"):
         dfc.extended_state_observer(AXIS.replace(coulomb=0.0))
+
+
+def test_one_increment_is_no_motion_wherever_the_axis_rests():
+    for quantum in (1e-6, 3.7e-6, QUANTUM):
+        observer = dfc.extended_state_observer(AXIS, DT, quantum)
+        for place in (*range(0, 2000, 7), *range(10**6, 10**6 + 50)):
+            y = quantum * (place + np.array([0.0, 0.0, 1.0]))
+            assert observer.run(np.zeros(3), y).y[4].tolist() == [0.0, 0.0, 0.0]

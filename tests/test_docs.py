@@ -57,8 +57,9 @@ METHODS = {
     if inspect.isclass(cls)
     for method, item in vars(cls).items()
     if isinstance(item, (classmethod, staticmethod)) or inspect.isfunction(item)
-    # `law` is the equation of an effect; the class documents it.
-    if method[0] != "_" and not (method == "law" and issubclass(cls, dfc.effects.Effect))
+    # `law`, `flow` and `jump` are the equations of an effect; the class documents them.
+    if method[0] != "_"
+    and not (method in ("law", "flow", "jump") and issubclass(cls, dfc.effects.Effect))
 }
 
 

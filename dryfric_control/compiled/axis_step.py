@@ -36,8 +36,8 @@ that meets a switching surface is shortened to end there.  Its length is found b
 repeating the step itself, not by interpolation, so switching times are as accurate
 as the integration.
 
-numba's cache notices only changes of a function's own file: therefore everything
-that runs in every sample is in this file, apart from `elastic`, which builds on it.
+numba's cache notices only changes of a function's own file: what runs in every sample of a rigid
+axis is in this file and `roots`; `elastic`, `two_masses`, `states` and `observer` build on them.
 """
 
 from __future__ import annotations

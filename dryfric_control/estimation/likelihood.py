@@ -139,8 +139,8 @@ class Run:
     u: FloatArray  # its input; zeros for a model without drive
     w: FloatArray  # velocities, if these were read and the positions are their integral
     cell: float  # increment of the readings
-    span: float  # their range, and the standard deviation of their noise
-    noise: float
+    span: float  # range of the readings
+    noise: float  # standard deviation of their noise
     good: BoolArray  # readings that may be used
     active: BoolArray  # samples whose innovations are used
     edges: NDArray[np.int64]  # blocks over which scores are summed

@@ -4,7 +4,7 @@ import control as ct
 import numpy as np
 import pytest
 import scipy.signal
-from truth.plant import Plant, open_loop
+from truth.plant import NSTATES, Plant, open_loop
 
 import dryfric_control as dfc
 from dryfric_control import presets
@@ -80,7 +80,7 @@ def test_promises_hold_on_a_plant_from_elsewhere():
     t = np.arange(8000) * DT
     rng = np.random.default_rng(3)
     u = 11.0 * np.sin(8.0 * t) + 5.0 * np.repeat(rng.uniform(-1.0, 1.0, 20), 400)
-    x, v = open_loop(true, u, DT, 20, np.zeros(7))[:-1, :2].T
+    x, v = open_loop(true, u, DT, 20, np.zeros(NSTATES))[:-1, :2].T
     mode = np.where(np.abs(v) <= 1e-12, 0.0, np.sign(v))
     assert 20 < np.count_nonzero(np.diff(mode)) < 200
     believed = dfc.FrictionAxis(mass=2.2, viscous=10.0, coulomb=(6.8, 9.2), stick_speed=1.5e-3)

@@ -240,7 +240,7 @@ def test_every_reader_of_a_log_states_its_extra():
         one for one in _TABLES.values() if isinstance(one, type) and issubclass(one, LogFile)
     }
     assert len(readers) >= 6
-    for one in readers:
+    for one in (one for one in readers if one.modules):
         assert one.extra in extras and set(extras[one.extra]) <= set(extras["logs"]), one
 
 

@@ -284,9 +284,12 @@ class Effect:
 
     1. `states`: a dict of names and units; all are zero at the start;
     2. ``flow(i, t, x, v, u, level, direction, rest, p)``, compiled: the rate of state i; `u` is the
-       drive force, `level` the Coulomb level of the axis here, in this `direction`, 0 at rest;
-    3. `limits`, a property: lowest and highest value of each state, default none.  A state at a
-       limit stays there while its flow points beyond; a step ends as one gets there;
+       drive force, `level` the Coulomb level of the axis here in this `direction`; at rest
+       `direction` is 0, and `level` that of the direction +;
+    3. `limits`, a property: lowest and highest value of each state, default none, made from the
+       parameters alone.  A state at a limit stays there while its flow points beyond; a step ends
+       as one gets there.  What a limit would have to follow, such as the velocity, scales the law
+       instead: with z between fixed limits, -stiffness z r(v) slips at a level that r(v) lowers;
     4. ``jump(i, t, x, v, u, level, direction, rest, p)``, compiled, optional: the value of state i
        after it has got to a limit.
 

@@ -33,8 +33,9 @@ class LogFile(Mapping[str, Channel], ABC):
 
     To read another format:
 
-    1. Take the library that the field keeps for it; make it an extra in ``pyproject.toml``, and add
-       it to the extra ``logs``.
+    1. Take the library that the field keeps for it; make it an extra in ``pyproject.toml``, add it
+       to the extras ``logs`` and ``test``, and to the modules that mypy does not follow. A format
+       that numpy alone reads needs none: `modules` is then empty, `extra` ``""``.
     2. Derive a class in a file of its own. Set `kind` (what a message calls the file), `extra` and
        `modules` (those to import, when a file is read and not before: an import of the package
        loads none of them). `_open` gets them in this order.
@@ -48,14 +49,16 @@ class LogFile(Mapping[str, Channel], ABC):
        to export it instead.
     6. `hint` is appended to the error where no column is recognised: what the file has in a form
        that cannot be read.
-    7. Add a row to the table of extensions in ``sources.py``, a line to ``docs/howto/read_csv.md``,
-       a file in two layouts and some damaged ones to ``tests/records/test_log_files.py`` and
-       ``tests/damage.py``, each made by the library.
+    7. Add a row to the table of extensions in ``sources.py``, a line to ``docs/howto/read_csv.md``
+       and to the docstring of `read_record`, a file in two layouts to ``tests/log_files.py``, made
+       by the library where it can write, their names to `FILES`, `DAMAGED` and `EXTRAS` of
+       ``tests/records/test_log_files.py``, and their makers to `log_contents` and `LOGS` of
+       ``tests/damage.py``.
     """
 
     kind: ClassVar[str]
-    extra: ClassVar[str]
-    modules: ClassVar[tuple[str, ...]]
+    extra: ClassVar[str] = ""
+    modules: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, path: Path, wanted: Wanted) -> None:
         self.path = path

@@ -62,6 +62,9 @@ class ArmRecords(Result, Mapping[str, tuple[FrictionAxis, Record]]):
     inertia: dict[str, tuple[float, float]] = stated(
         "Least and largest inertia about each joint over the motion [kg m^2 or kg]."
     )
+    body_inertia: dict[str, float] = stated(
+        "Mean of it over the motion, less that of the rotor: `load` of `to_mjcf`."
+    )
     arm: RigidArm = stated("The model.")
     motion: Motion = stated("Smoothed motion of the joints.")
     given: tuple[str, ...] = stated("Joints whose axes the user gave.")
@@ -293,7 +296,8 @@ def _with_coupling(
         found[joint] = axes.get(joint) or _nominal(joint, arm, means[j], one, motion.v[:, j])
     spans = zip(inertia.min(axis=0).tolist(), inertia.max(axis=0).tolist(), strict=True)
     inertias = dict(zip(records, spans, strict=True))
-    return ArmRecords(found, loaded, inertias, arm, motion, tuple(axes), late)
+    bodies = dict(zip(records, (means - arm.rotor_inertia).tolist(), strict=True))
+    return ArmRecords(found, loaded, inertias, bodies, arm, motion, tuple(axes), late)
 
 
 def _shifted(

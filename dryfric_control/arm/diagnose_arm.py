@@ -46,6 +46,11 @@ class ArmDiagnoses(JointDiagnoses):
         kw_only=True,
     )
 
+    @property
+    def body_inertia(self) -> dict[str, float]:
+        """Inertia of the bodies in the axes of the joints, as `ArmRecords` has it."""
+        return self.corrected.body_inertia
+
     def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
         named = [error for error in self.model_errors if error.named]
         if not any(error.kind in OF_LINKS for error in named):

@@ -156,6 +156,12 @@ class RigidArm:
             add_payload(self.model, _body_index(self.model, body), _parse_payload(body, load))
         self._data = _import_mujoco().MjData(self.model)
 
+    @property
+    def rotor_inertia(self) -> Floats:
+        """Inertia of each joint's rotor behind its gear (`armature`), shape (joints,)."""
+        own = self.model.jnt_dofadr[self._joints]
+        return np.array(self.model.dof_armature[own], float)
+
     def limits(self, joint: str) -> tuple[float, float]:
         """Lowest and highest position of a joint [rad or m], infinite without limits."""
         one = self.model.joint(joint)

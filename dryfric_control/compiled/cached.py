@@ -10,7 +10,7 @@ import warnings
 from typing import Any
 
 import numba
-from numba.core import types
+from numba.core.types.misc import unliteral
 
 # Part of the file names of this process.
 _PROCESS = uuid.uuid4().hex[:12]
@@ -38,7 +38,7 @@ def njit(function: Any = None, **options: Any) -> Any:
 def _for_any_value(get_call_template: Any) -> Any:
     """The same for the types of arguments in place of the constants that they are."""
     return lambda args, kws: get_call_template(
-        tuple(types.unliteral(a) for a in args), {n: types.unliteral(a) for n, a in kws.items()}
+        tuple(unliteral(a) for a in args), {n: unliteral(a) for n, a in kws.items()}
     )
 
 

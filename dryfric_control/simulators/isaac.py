@@ -64,7 +64,7 @@ def to_isaac(
     """
     joints = joint_values.joints_of(result, joint, {})
     place = file_path("path", path)
-    loads = joint_values.checked_loads(load, joints)
+    loads = joint_values.checked_loads(load, result, joints)
     found = joint_values.describe_joints(_ISAAC, joints, velocities, loads)
     names = list(dict.fromkeys(n for values in found.values.values() for n in values))
     lines = []

@@ -275,13 +275,17 @@ def _diagnosis_doubts(result: Diagnosis) -> Iterator[str]:
 
 def checked_loads(
     load: Any,
+    result: Any,
     joints: Mapping[str, Joint],
     computed: Callable[[], dict[str, float]] = dict,
     mend: str = "give load=...",
 ) -> dict[str, float]:
-    """Inertia that the bodies bring, by joint: as given, or as it can be computed."""
+    """Inertia that the bodies bring, by joint: as given, as a result knows it, or as computed."""
     loads: dict[str, float] = {}
-    if isinstance(load, Mapping):
+    known = getattr(result, "body_inertia", None)
+    if load is None and known is not None:
+        loads = {name: known[name] for name in joints}
+    elif isinstance(load, Mapping):
         for name in load:
             if name not in joints:
                 raise ValueError(
@@ -290,6 +294,16 @@ def checked_loads(
         loads = {n: positive(f"load[{n!r}]", one, zero=True) for n, one in load.items()}
     elif load is not None:
         loads = dict.fromkeys(joints, positive("load", load, unit="kg m^2", zero=True))
+    coupled = [
+        name for name, joint in joints.items()
+        if name not in loads and any("load" in record.channels for record in joint.records)
+    ]  # fmt: skip
+    if coupled:
+        raise ValueError(
+            f"load of joint {coupled[0]!r} is not given: beside the known load of its record the "
+            "axis has the mean inertia over the motion, which is not that of one pose: give load="
+            "records.body_inertia of the ArmRecords that were fitted, or numbers of your own"
+        )
     if any(name not in loads for name in joints):
         loads = computed() | loads
     for name in joints:

@@ -76,6 +76,8 @@ def free_run_errors(model: Any, record: Record, shift: float) -> Floats:
     repeat = max(1, math.ceil(record.dt / model.opt.timestep - 1e-9))
     model.opt.timestep = record.dt / repeat
     u = windows.arrays(shift).u
+    if record.known_force.size:
+        u = u + record.known_force
     every = math.ceil(repeat * record.x.size / _MOST_STEPS)
     errors = []
     for i in range(0, len(windows), every):

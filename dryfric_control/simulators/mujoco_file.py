@@ -58,7 +58,8 @@ def to_mjcf(
         That of a single result.  Default: the only joint of the model, or the name of the axis.
     load : float or mapping of str to float, optional
         Inertia that the bodies of the model have about the joint [kg m^2]: `armature` is the
-        rest of the mass of the axis.  Default: MuJoCo computes it, in the reference pose.
+        rest of the mass of the axis; of `arm_records` their `body_inertia`.  Default: MuJoCo
+        computes it, in the reference pose.
     velocities : array_like, shape (n,), optional
         Velocities over which friction is approximated.  Default: those of the records of
         the result; without a record, as far as the friction curve is drawn.
@@ -165,7 +166,9 @@ def _in_file(
     names = {name: [name] for name in joints}
     if there is not None:
         names = {n: engine.copies(there, n, file.separators(n)) or [n] for n in joints}
-    loads = joint_values.checked_loads(load, joints, lambda: _body_inertias(there, names), mend)
+    loads = joint_values.checked_loads(
+        load, result, joints, lambda: _body_inertias(there, names), mend
+    )
     stepping = file.step_settings if there is None else engine.step_settings(there)
     # A copy has no name of its own in the file, to which an actuator could be tied.
     alone = all(not file.separators(name) for name in joints)
@@ -331,7 +334,9 @@ def _in_model(
     made = model if compiled else model.copy().compile()
     kinds = {name: kind for name, kind in engine.joint_kinds(made).items() if name}
     joints = _joints(result, joint, kinds)
-    loads = joint_values.checked_loads(load, joints, lambda: engine.inertias(made, list(joints)))
+    loads = joint_values.checked_loads(
+        load, result, joints, lambda: engine.inertias(made, list(joints))
+    )
     stepping = engine.step_settings(made)
     # No actuator can be added to a compiled model.
     formats = options.formats(stepping, not compiled)

@@ -51,15 +51,37 @@ def test_a_payload_that_the_model_lacks_is_named_once(errors):
     assert "payload 0.8" in errors[0].sentence
 
 
-def test_without_it_the_friction_is_that_of_each_joint(nominal, errors):
+@pytest.fixture(scope="module")
+def fits(nominal, errors):
+    pairs = nominal.without(errors).items()
+    return {joint: dfc.fit(axis, record, starts=1) for joint, (axis, record) in pairs}
+
+
+def test_without_it_the_friction_is_that_of_each_joint(nominal, errors, fits):
     for joint, (axis, record) in nominal.without(errors).items():
-        found = dfc.fit(axis, record, starts=1)
+        found = fits[joint]
         level, viscous = TRUE[joint]
         # 1 %: at 100 Hz a breakaway of another joint is smeared over five samples.
         assert found.parameters["coulomb"] == pytest.approx(level, rel=0.01)
         assert found.parameters["viscous"] == pytest.approx(viscous, rel=0.01)
         assert found.parameters["mass"] == pytest.approx(axis.mass, rel=0.01)
     assert "coupling of the model" in record.notes[-1]
+
+
+def test_the_rotors_of_the_model_are_written_as_they_are(nominal, errors, fits, tmp_path):
+    # The mean inertia over the motion is not that of the reference pose: less the latter, the
+    # rotor of the pan had no inertia left, and that of the lift half of its own.
+    coupled, path = nominal.without(errors), tmp_path / "found.xml"
+    written = dfc.to_mjcf(fits, MODEL, load=coupled.body_inertia, out=path)
+    there = mujoco.MjModel.from_xml_path(str(MODEL))
+    for joint, values in written.values.items():
+        # 2 %: the mass of the axis, of which the rotor is a third, within 1 %.
+        rotor = float(there.joint(joint).armature[0])
+        assert values["armature"] == pytest.approx(rotor, rel=0.02)
+        own, simulated = written.free_runs[joint]
+        assert simulated < 1.5 * own  # the load of the record acts in MuJoCo, too
+    with pytest.raises(ValueError, match=r"load=records\.body_inertia"):
+        dfc.to_mjcf(fits, MODEL, out=path)
 
 
 def test_what_a_load_may_be_off_holds_what_it_is_off(nominal, errors):

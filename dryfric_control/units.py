@@ -6,14 +6,17 @@ number 1, and does not know ``kNm``; here a name is converted rightly or refused
 
 from __future__ import annotations
 
+import difflib
 import functools
+import itertools
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
+from unicodedata import normalize
 
 from dryfric_control.order import check_drive_and_reading
-from dryfric_control.text import did_you_mean, page_reference
+from dryfric_control.text import page_reference
 
 
 class Unit(NamedTuple):
@@ -32,39 +35,49 @@ _INCH = 0.0254
 _FOOT = 0.3048
 # A pound of force [N].
 _POUND = 4.4482216152605
-_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "micron": 1e-6, "nm": 1e-9,
-            "in": _INCH, "inch": _INCH, "inches": _INCH, "mil": 1e-3 * _INCH, "ft": _FOOT,
-            "foot": _FOOT, "feet": _FOOT}  # fmt: skip
-_ANGLES = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": _DEGREE, "degree": _DEGREE,
-           "degrees": _DEGREE, "°": _DEGREE, "arcmin": _DEGREE / 60, "arcsec": _DEGREE / 3600,
-           "rev": _TURN, "revs": _TURN, "turn": _TURN, "turns": _TURN,
-           "Deg": _DEGREE, "DEG": _DEGREE, "Rad": 1.0, "RAD": 1.0,
-           **dict.fromkeys(("Grad", "degré", "degrés", "grados", "gradi", "graus", "graden"),
-                           _DEGREE)}  # fmt: skip
-_FORCES = {"N": 1.0, "uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "daN": 10.0, "kN": 1e3, "MN": 1e6,
-           "lbf": _POUND, "lb": _POUND, "kip": 1e3 * _POUND, "klbf": 1e3 * _POUND,
+# Prefixes before symbols, and before words.
+_PREFIXES = {"": 1.0, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 0.1, "da": 10.0, "h": 1e2,
+             "k": 1e3, "M": 1e6}  # fmt: skip
+_SPOKEN = {"n": ("nano",), "u": ("micro", "mikro"), "m": ("milli", "mili"), "c": ("centi", "zenti"),
+           "d": ("deci", "dezi"), "k": ("kilo",), "M": ("mega",)}  # fmt: skip
+
+
+def _prefixed(symbol: str, prefixes: str, factor: float = 1.0) -> dict[str, float]:
+    """A symbol of SI without a prefix and with those that engineers use before it."""
+    return {f"{p}{symbol}": _PREFIXES[p] * factor for p in ("", *prefixes.split())}
+
+
+_SI_LENGTHS = _prefixed("m", "n u m c d")
+_SI_ANGLES = _prefixed("rad", "n u m") | _prefixed("deg", "u m", _DEGREE)
+_SI_FORCES = _prefixed("N", "n u m c d da k M")
+_SI_TIMES = _prefixed("s", "n u m")
+_LENGTHS = {**_SI_LENGTHS, "in": _INCH, "mil": 1e-3 * _INCH, "ft": _FOOT}
+_ANGLES = {**_SI_ANGLES, "°": _DEGREE, "Grad": _DEGREE, "arcmin": _DEGREE / 60,
+           "arcsec": _DEGREE / 3600, "rev": _TURN, "revs": _TURN, "turn": _TURN,
+           "turns": _TURN}  # fmt: skip
+_FORCES = {**_SI_FORCES, "lbf": _POUND, "lb": _POUND, "kip": 1e3 * _POUND, "klbf": 1e3 * _POUND,
            "ozf": _POUND / 16, "oz": _POUND / 16, "kgf": 9.80665, "gf": 9.80665e-3}  # fmt: skip
-_TIMES = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
-          "us": 1e-6, "usec": 1e-6, "ns": 1e-9, "nsec": 1e-9, "100 ns": 1e-7,
-          "min": 60.0}  # fmt: skip
+_TIMES = {**_SI_TIMES, "100 ns": 1e-7, "min": 60.0}
+_SI_OTHERS = (
+    (_prefixed("V", "u m k"), "V", "voltage"),
+    (_prefixed("A", "n u m k"), "A", "current"),
+    (_prefixed("Pa", "h k M"), "Pa", "pressure"),
+)
 _TABLE: dict[str, Unit] = {
     **{k: Unit(f, "s", "time") for k, f in _TIMES.items()},
     **{k: Unit(f, "m", "length") for k, f in _LENGTHS.items()},
     **{k: Unit(f, "rad", "angle") for k, f in _ANGLES.items()},
     **{k: Unit(f, "N", "force") for k, f in _FORCES.items()},
     **{f"{a}{b}": Unit(_FORCES[a] * _LENGTHS[b], "N m", "torque") for a, b in (
-        ("N", "m"), ("N", "cm"), ("N", "mm"), ("mN", "m"), ("uN", "m"), ("daN", "m"), ("kN", "m"),
+        *itertools.product(_SI_FORCES, ("m", "cm", "mm")),
         ("lbf", "in"), ("lbf", "ft"), ("lb", "in"), ("lb", "ft"), ("ozf", "in"), ("oz", "in"),
         ("kip", "in"), ("kip", "ft"), ("kgf", "cm"), ("kgf", "m"), ("gf", "cm"))},
     **{f"{b}{a}": Unit(_FORCES[a] * _LENGTHS[b], "N m", "torque") for a, b in (
         ("lbf", "in"), ("lbf", "ft"), ("lb", "in"), ("lb", "ft"), ("ozf", "in"), ("oz", "in"),
         ("kip", "in"), ("kip", "ft"))},
-    **{k: Unit(f, "V", "voltage") for k, f in {"V": 1.0, "mV": 1e-3, "kV": 1e3}.items()},
-    **{k: Unit(f, "A", "current") for k, f in {"A": 1.0, "mA": 1e-3, "uA": 1e-6}.items()},
+    **{k: Unit(f, si, kind) for names, si, kind in _SI_OTHERS for k, f in names.items()},
     **{k: Unit(f, "Pa", "pressure") for k, f in {
-        "Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2,
-        "psi": 6894.757293168,
-    }.items()},
+        "bar": 1e5, "mbar": 1e2, "psi": 6894.757293168}.items()},
     **{f"{k}/{t}": Unit(f / s, "m/s", "velocity") for k, f in _LENGTHS.items()
        for t, s in _TIMES.items()},
     **{f"{k}/{t}": Unit(f / s, "rad/s", "angular velocity") for k, f in _ANGLES.items()
@@ -74,9 +87,9 @@ _TABLE: dict[str, Unit] = {
                      "tr/min", "giri/min", "omw/min", "obr/min"),
                     Unit(_TURN / 60, "rad/s", "angular velocity")),
     **{f"{k}/{s}": Unit(f, "m/s^2", "acceleration") for k, f in _LENGTHS.items()
-       for s in ("s2", "s^2", "s²")},
+       for s in ("s2", "s^2")},
     **{f"{k}/{s}": Unit(f, "rad/s^2", "angular acceleration") for k, f in _ANGLES.items()
-       for s in ("s2", "s^2", "s²")},
+       for s in ("s2", "s^2")},
     "g": Unit(9.80665, "m/s^2", "acceleration"),
     **dict.fromkeys(("counts", "count", "cnt", "cnts", "cts", "inc", "incs", "increments", "ticks",
                      "tick", "LSB", "lsb", "digits", "pulses", "pulse", "pls", "Inkremente", "Ink",
@@ -86,6 +99,14 @@ _TABLE: dict[str, Unit] = {
     **dict.fromkeys(("‰", "permille", "0.1 %", "0.1%"), Unit(0.1, "%", "raw")),
     **dict.fromkeys(("pu", "p.u."), Unit(100.0, "%", "raw")),
 }  # fmt: skip
+
+#: Units that are no words and no label, and so are units behind any name: disp_mm, load_kN. In
+#: letters of one size nm is a torque as well as a length; A counts the sensors of a machine.
+SUFFIXES = frozenset((
+    *_SI_LENGTHS, *_SI_ANGLES, *_SI_FORCES, *_SI_TIMES, "bar",
+    *(name for names, *_ in _SI_OTHERS for name in names),
+    *(name for name, unit in _TABLE.items() if unit.kind == "torque"),
+)) - {"nm", "A"}  # fmt: skip
 
 # Quantities that a channel may be; a sensor may give the position as a voltage.
 _SENSED = ("raw", "voltage", "current")
@@ -106,22 +127,75 @@ _USUAL = {
 }
 
 
+# Words for units in several languages, small letters or not; of metres, newtons and the like also
+# behind a prefix. Volts and amperes are not among them: input_volts is no input.
+_WITH_PREFIX = {
+    "m": "meter meters metre metres mètre mètres metro metros metri",
+    "rad": "radian radians radiant radians radianes radianti radianos",
+    "N": "newton newtons",
+    "Nm": "newtonmeter newtonmeters newtonmetre newtonmetres",
+    "s": "second seconds seconde secondes sekunde sekunden segundo segundos secondo secondi",
+}
+_WORDS = {
+    word: name
+    for name, words in {
+        "s": "sec secs 秒", "ms": "msec 毫秒 ミリ秒", "us": "usec 微秒", "ns": "nsec",
+        "m": "米 メートル", "mm": "毫米 ミリ", "um": "micron microns 微米",
+        "in": "inch inches", "ft": "foot feet",
+        "rad": "rad 弧度 ラジアン",
+        "deg": "deg degree degrees degré degrés grados gradi graus graden 度",
+        "N": "牛 牛顿 ニュートン", "bar": "bars",
+        "%": "percent", "rev": "revolution revolutions",
+    }.items()
+    for word in words.split()
+} | {
+    f"{spoken}{word}": f"{prefix}{symbol}"
+    for symbol, words in _WITH_PREFIX.items()
+    for prefix, said in (("", ("",)), *_SPOKEN.items())
+    if f"{prefix}{symbol}" in _TABLE
+    for spoken in said
+    for word in words.split()
+}  # fmt: skip
+
+# Letters of a word in which a slip is recognised, and how near it is to the right one, of 1.
+_LEAST_WORD = 6
+_NEAR = 0.9
+
 # A power of ten before a unit: 0.1 %, 0,01 mm, 1000 N.
 _TIMES_TEN = re.compile(r"(10+|0[.,]0*1)\s*(\D.*)")
 
 
 def known_unit(unit: str) -> Unit | None:
     """The unit of a name, None for a name that is not known."""
-    text = unit.strip().replace("µ", "u").replace("μ", "u")
+    # Wide letters and signs, and µ of either kind, by the usual ones.
+    text = normalize("NFKC", unit.strip()).replace("μ", "u")
     found = _TABLE.get(text)
     if found is None and (match := _TIMES_TEN.fullmatch(text)):
         part = known_unit(match[2])
         return part and part._replace(factor=float(match[1].replace(",", ".")) * part.factor)
     if found is None:
+        text = re.sub(r"[^\W\d_]+", lambda word: _WORDS.get(word[0].casefold(), word[0]), text)
+        text = text.replace(" per ", "/")
         # Only a product or a quotient has marks in it: "m rad" is not "mrad".
-        joined = _TABLE.get(re.sub(r"[\s·⋅*.-]", "", text))
-        found = joined if joined and (joined.kind == "torque" or "/" in joined.si) else None
+        joined = _TABLE.get(re.sub(r"[\s·⋅・*.-]", "", text))
+        marked = joined and (joined.kind == "torque" or "/" in joined.si)
+        found = _TABLE.get(text) or (joined if marked else None)
     return found
+
+
+def _meant_unit(unit: str, kinds: Sequence[str]) -> str:
+    """Question that names what a unit is but for its capitals or a slip in a word.
+
+    Nothing where names of several units, or of one ten times as large, are as near.
+    """
+    names = {name: found for name, found in _TABLE.items() if found.kind in kinds}
+    names.pop("Grad", None)  # grad is 1/400 of a turn
+    names |= {word: names[name] for word, name in _WORDS.items() if name in names}
+    near = [name for name in names if name.casefold() == unit.casefold()]
+    if not near and len(unit) >= _LEAST_WORD:
+        near = difflib.get_close_matches(unit.casefold(), names, n=5, cutoff=_NEAR)
+    one = len({names[name] for name in near}) == 1
+    return f". Did you mean {near[0]!r}?" if one else ""
 
 
 def si_unit(role: str, unit: str) -> tuple[float, str]:
@@ -141,9 +215,8 @@ def si_unit(role: str, unit: str) -> tuple[float, str]:
     if base == "t" and (found is None or found.kind != "time"):
         raise ValueError(f"unit {unit!r} of the time is not known; use {_USUAL['t']}")
     if found is None:
-        alike = [name for name, known in _TABLE.items() if known.kind in _KINDS[base]]
         raise ValueError(
-            f"unit {unit!r} of {role} is not known{did_you_mean(unit, alike)}; state it, "
+            f"unit {unit!r} of {role} is not known{_meant_unit(unit, _KINDS[base])}; state it, "
             f'units={{"{base}": "..."}}: use {_USUAL[base]}, or give what one is worth: '
             f'gain={{"{base}": ...}} and units={{"{base}": "..."}} of the product'
         )

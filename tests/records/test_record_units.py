@@ -32,6 +32,13 @@ LBF = 4.4482216152605  # 0.45359237 kg times 9.80665 m/s^2
         ("u", "0,1%", 0.1, "%"), ("u", "0,1 A", 0.1, "A"), ("x", "0.01 mm", 1e-5, "m"),
         ("u", "0.01Nm", 0.01, "N m"), ("t", "10 us", 1e-5, "s"),
         ("a", "g", 9.80665, "m/s^2"),
+        ("x", "meters", 1.0, "m"), ("x", "Millimetre", 1e-3, "m"), ("x", "radians", 1.0, "rad"),
+        ("x", "度", math.pi / 180, "rad"), ("x", "mdeg", math.pi / 180e3, "rad"),
+        ("u", "newton", 1.0, "N"), ("u", "Newton metres", 1.0, "N m"), ("u", "N・m", 1.0, "N m"),
+        ("u", "cNm", 1e-2, "N m"), ("u", "daN", 10.0, "N"), ("u", "kilonewtons", 1e3, "N"),
+        ("t", "secondes", 1.0, "s"), ("t", "segundos", 1.0, "s"), ("t", "Sekunden", 1.0, "s"),
+        ("t", "秒", 1.0, "s"), ("t", "毫秒", 1e-3, "s"), ("t", "milliseconds", 1e-3, "s"),
+        ("v", "meters per second", 1.0, "m/s"), ("v", "degrees/second", math.pi / 180, "rad/s"),
     ],
 )  # fmt: skip
 def test_units_are_known_by_their_names(role, unit, factor, si):
@@ -43,6 +50,31 @@ def test_units_are_known_by_their_names(role, unit, factor, si):
 def test_an_unknown_unit_is_never_taken_with_factor_1(role, unit):
     with pytest.raises(ValueError, match=rf"unit '{unit}' of .* not known.*use "):
         dfc.read_record({"t": T, "u": U, "x": X, "v": X, "a": X, "x2": X}, units={role: unit})
+
+
+@pytest.mark.parametrize(
+    ("role", "unit", "meant"),
+    [
+        ("u", "KN", "kN"), ("x", "MM", "mm"), ("u", "kilonewten", "kilonewton"),
+        ("u", "mn", ""),  # mN or MN
+        ("u", "cNn", ""), ("x", "mdegg", ""), ("x", "picometer", ""), ("u", "permil", ""),
+        ("x", "kilometer", ""), ("x", "grad", ""),  # 1/400 of a turn is no Grad
+    ],
+)  # fmt: skip
+def test_a_hint_at_a_unit_is_of_its_size_and_quantity(role, unit, meant):
+    with pytest.raises(ValueError, match=f"'{unit}' of {role} is not known") as refused:
+        si_unit(role, unit)
+    hint = f"Did you mean '{meant}'?"
+    assert hint in str(refused.value) if meant else "Did you mean" not in str(refused.value)
+
+
+def test_words_of_units_are_read_in_headings():
+    table = {"Zeit (Sekunden)": T, "Kraft [Newton]": U, "Weg in Millimeter": 1e3 * X}
+    record = dfc.read_record(table)
+    assert record.units == {"t": "s", "u": "N", "x": "m"}
+    np.testing.assert_allclose(record.x, X)
+    record = dfc.read_record({"时间(毫秒)": 1e3 * T, "扭矩[N・m]": U, "角度(度)": X})
+    assert record.units == {"t": "s", "u": "N m", "x": "rad"} and record.dt == 1e-3
 
 
 def test_a_stated_unit_stands_in_for_one_of_a_heading_that_is_not_known(tmp_path):

@@ -19,7 +19,7 @@ from dryfric_control.records.record_warning import warn
 from dryfric_control.records.refusal import RefusalError
 from dryfric_control.records.scaling import Gain, Scaling
 from dryfric_control.text import did_you_mean, page_reference
-from dryfric_control.units import known_unit, si_unit
+from dryfric_control.units import SUFFIXES, known_unit, si_unit
 
 ROLES = ("t", "u", "x", "reference")
 MAX_ROWS = 10_000_000  # 0.3 GB for four columns
@@ -66,10 +66,6 @@ _BY_UNIT = {
     "t": (("time",),),
 }
 
-# Units that are no words, and so are units behind any name: disp_mm, load_kN.
-_SUFFIXES = frozenset(
-    ("um", "mm", "cm", "deg", "rad", "mrad", "mN", "kN", "Nm", "mNm", "Ncm", "mA", "kPa", "MPa")
-)
 _BRACKETS = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
 
@@ -155,7 +151,7 @@ def split_header(cell: str) -> tuple[str, str]:
                 if role and known_unit(unit) and _fits(role, unit):
                     return name.strip(), unit.strip()
     name, _, unit = cell.rpartition("_")
-    return (name, unit) if name and unit in _SUFFIXES and not parse_heading(cell)[0] else (cell, "")
+    return (name, unit) if name and unit in SUFFIXES and not parse_heading(cell)[0] else (cell, "")
 
 
 def normalize_heading(name: str) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import dryfric_control as dfc
+from dryfric_control.records.readers.channels import split_header
 
 LOGS = [
     # yukunlin1124/Orin-Motor-Control
@@ -225,6 +226,35 @@ def test_a_quantity_over_its_unit_and_a_unit_behind_any_name_are_read():
     assert sum("the only column in a unit of" in note for note in record.notes) == 2
     record = dfc.read_record({"t (s)": T, "Effort (daN)": np.sin(T), "POS_DEG": np.cos(T)})
     assert record.units["x"] == "rad" and record.u[7] == 10.0 * np.sin(T[7])
+
+
+@pytest.mark.parametrize(
+    "heading",
+    ["Hubkraft [N]", "Hubkraft (N)", "Hubkraft / N", "Hubkraft/N", "Hubkraft_N", "Hubkraft in N"],
+)
+def test_a_unit_is_one_however_it_stands_behind_a_name_that_is_not_known(heading):
+    record = dfc.read_record({"t": T, heading: np.sin(T), "Spindelweg / mm": np.cos(T)})
+    assert record.units == {"t": "s", "u": "N", "x": "m"} and record.x[0] == 1e-3
+    assert f"{heading!r} taken as u: the only column in a unit of force" in record.notes
+    # Two that fit are told, each with its line.
+    with pytest.raises(ValueError, match="could each be u") as refused:
+        dfc.read_record({"t": T, heading: np.sin(T), "Last_N": np.sin(2 * T), "x": np.cos(T)})
+    assert f'columns={{"u": {heading!r}}} or columns={{"u": \'Last_N\'}}' in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("heading", "parts"),
+    [
+        ("Last_N_m", ("Last", "N m")), ("swing_rad_s2", ("swing", "rad/s2")),
+        ("Ausgang in lbf", ("Ausgang", "lbf")), ("swing / (rad/s)", ("swing", "rad/s")),
+        # Words, labels and parts of a path are no units.
+        ("Sensor_A", None), ("wheel_nm", None), ("flange_min", None), ("lift_rev", None),
+        ("arm/bench/m", None), ("arm/rev", None), ("N/A", None), ("plug in bay", None),
+        ("force_n", None), ("_N", None), ("tau_m", None),
+    ],
+)  # fmt: skip
+def test_a_word_or_a_label_behind_a_name_is_no_unit(heading, parts):
+    assert split_header(heading) == (parts or (heading, ""))
 
 
 @pytest.mark.parametrize(

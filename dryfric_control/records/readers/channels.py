@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -141,7 +141,7 @@ def split_header(cell: str) -> tuple[str, str]:
     if match:
         unit = (match[2] if match[2] is not None else match[3]).strip()
         unit = unit.removeprefix("in ").strip()
-        return (cell, "") if unit.isdigit() else (match[1], unit)
+        return (cell, "") if unit.isdigit() else (match[1].rstrip(" /"), unit)
     for mark in ("/", " in ", "_", " "):
         words = cell.split(mark)
         for tail in (3, 2, 1) if mark == "_" else (1,):
@@ -150,8 +150,25 @@ def split_header(cell: str) -> tuple[str, str]:
             for unit in {"/".join(words[-tail:]), " ".join(words[-tail:])}:
                 if role and known_unit(unit) and _fits(role, unit):
                     return name.strip(), unit.strip()
-    name, _, unit = cell.rpartition("_")
-    return (name, unit) if name and unit in SUFFIXES and not parse_heading(cell)[0] else (cell, "")
+    return (cell, "") if parse_heading(cell)[0] else _split_unknown(cell)
+
+
+def _split_unknown(cell: str) -> tuple[str, str]:
+    """Name and unit of a column whose name is not known: DIN 1313 writes Hubkraft / N."""
+    parts: list[tuple[str, str, Callable[[str], Any]]] = [
+        (*cell.rpartition(mark)[::2], known_unit) for mark in (" in ", " / ")
+    ]
+    # Parts of a path and words of a name have no blanks either: only what is no word.
+    parts.append((*cell.partition("/")[::2], SUFFIXES.__contains__))
+    words = cell.split("_")
+    for tail in (3, 2, 1):  # _rad_s2, _N_m, _N
+        if words[-tail:][0] in SUFFIXES:
+            for mark in ("/", " "):
+                parts.append(("_".join(words[:-tail]), mark.join(words[-tail:]), known_unit))
+    for name, unit, is_unit in parts:
+        if len(name.strip()) > 1 and is_unit(unit.strip()) and not parse_heading(name)[0]:
+            return name.strip(), unit.strip()
+    return cell, ""
 
 
 def normalize_heading(name: str) -> str:

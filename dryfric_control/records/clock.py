@@ -28,6 +28,8 @@ _EPOCHS = (
 
 #: Part of a step by which an even clock may be off without a word.
 JITTER_LIMIT = 0.01
+# Numbers of which it is said that they only rise.
+_LEAST_RISING = 3
 # Shortest run of stamps of which a clock is fitted.
 _LEAST_STAMPS = 20
 # Largest distance of a rounded stamp from the clock, in steps of its rounding: half a step, and
@@ -57,6 +59,15 @@ def epoch_of(stamps: Any) -> Epoch | None:
     first, last = (float(there.min()), float(there.max())) if there.size else (0.0, 0.0)
     known = (epoch for epoch in _EPOCHS if epoch.least <= first and last <= epoch.most)
     return next(known, None)
+
+
+def rises(values: Any) -> bool:
+    """Whether numbers only rise, and not by 1 each, as those of the rows do."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "iuf" or array.ndim != 1 or array.size < _LEAST_RISING:
+        return False
+    steps = np.diff(array.astype(np.float64))
+    return bool((steps > 0.0).all() and (steps != 1.0).any())
 
 
 def even_clock(t: Floats) -> EvenClock | None:

@@ -17,15 +17,15 @@ LOGS = [
     # yukunlin1124/Orin-Motor-Control
     ("", "t=time (s); motor_id; x=position (deg); velocity (rpm); u=current (A); temperature(C)"),
     # schn27/servosetup
-    ("rate=...", "Pos; Spd; Uin; Iout"),
+    ('columns={"u": ...}, rate=...', "Pos; Spd; Uin; Iout"),
     # EvaZillen/3D-printed-pneumatic-actuator
     ("", "t=Time (in ms); Laser (in V); Pressure (in V); Force (in V); x=Laser (in mm); Pressure (in bar); u=Force (in N)"),
     # KonradMnich/friction-identification
-    ('columns={"u": ...}', "Time; Analog 1; Analog 2; Analog 3; Digital 1; Digital 2"),
+    ('columns={"u": ..., "x": ...}', "Time; Analog 1; Analog 2; Analog 3; Digital 1; Digital 2"),
     # eliasoa/TTK4900_CDPR
     ("joint=0", "t=time; x=ODrive 0 Position; ODrive 1 Position; ODrive 2 Position; ODrive 3 Position; ODrive 0 Velocity; ODrive 1 Velocity; ODrive 2 Velocity; ODrive 3 Velocity; u=ODrive 0 Current; ODrive 1 Current; ODrive 2 Current; ODrive 3 Current"),
     # Amirjf/single-rod-pendulum
-    ('columns={"u": ...}', "xAccl; yAccl; zAccl; newPosition; time; pcTime"),
+    ('columns={"u": ..., "x": "newPosition"}', "xAccl; yAccl; zAccl; newPosition; time; pcTime"),
     ('columns={"u": ...}', "time_sec; theta_kalman; theta_dot_kalman; theta_ddot_kalman; x_pivot_m"),
     ('columns={"u": ...}', "time_s; alpha_m_rad_s2; omega_m_rad_s; theta_m_rad"),
     ('columns={"u": ...}', "time; theta; x_pivot"),
@@ -33,24 +33,24 @@ LOGS = [
     # Royginald/small-controls-project
     ('columns={"x": ...}', "Time (s); Voltage (V); Speed (steps/s)"),
     # bk-poudel/Unitree_Z1
-    ("rate=..., joint=1", "q1; q2; q3; q4; q5; q6; q7; dq1; dq2; dq3; dq4; dq5; dq6; dq7"),
+    ('columns={"u": None}, rate=..., joint=1', "q1; q2; q3; q4; q5; q6; q7; dq1; dq2; dq3; dq4; dq5; dq6; dq7"),
     # ersaraujo/motors-data-collect
     ('columns={"x": ...}, joint=1', "# CURRENT_M1; CURRENT_M2; PWM_M1; PWM_M2; DESIRED_M1; DESIRED_M2; TIMESTAMP"),
     # liamjosephnolan/thesis_matlab
     ('columns={"u": "pitch_effort", "x": "pitch_position"}', "t=time; u=pitch_effort; x=pitch_position; pitch_velocity"),
-    ('columns={"u": ...}', "time; pitch_position; pitch_velocity"),
+    ('columns={"u": ..., "x": "pitch_position"}', "time; pitch_position; pitch_velocity"),
     ('columns={"u": "/psm_joint_telemetry/insertion/effort", "x": "/psm_joint_telemetry/insertion/position"}', "t=__time; /psm_joint_telemetry/header/stamp; u=/psm_joint_telemetry/insertion/effort; x=/psm_joint_telemetry/insertion/position; /psm_joint_telemetry/insertion/velocity; /psm_joint_telemetry/pitch/effort; /psm_joint_telemetry/pitch/position; /psm_joint_telemetry/pitch/velocity; /psm_joint_telemetry/roll/effort; /psm_joint_telemetry/roll/position; /psm_joint_telemetry/roll/velocity"),
     ('columns={"u": "/psm_joint_telemetry/insertion/effort", "x": "/psm_joint_telemetry/insertion/position"}', "t=time; /psm_joint_telemetry/header/stamp; u=/psm_joint_telemetry/insertion/effort; x=/psm_joint_telemetry/insertion/position; /psm_joint_telemetry/pitch/effort; /psm_joint_telemetry/pitch/position; roll_effort; roll_position; roll_velocity"),
     ('columns={"u": None}', "t=__time; x=/psm_joint_telemetry/roll/position; /psm_joint_telemetry/roll/velocity"),
     # moelyaakoubi/GUI-RTDE
     ("joint=0", "t=timestamp; x=actual_q_0; actual_q_1; actual_q_2; u=actual_current_0; actual_current_1; actual_current_2; target_qd_0; target_qdd_0; target_current_0"),
     # Buobm/RobotLog
-    ('columns={"u": ...}', "Timestamp; GlobalX; GlobalY; GlobalYaw; XVelocity; YVelocity; YawVelocity; MotorTemp; BodyTemp; BatteryLevel; TimeToTarget; Mode"),
+    ('columns={"u": ..., "x": "GlobalX"}', "Timestamp; GlobalX; GlobalY; GlobalYaw; XVelocity; YVelocity; YawVelocity; MotorTemp; BodyTemp; BatteryLevel; TimeToTarget; Mode"),
     # Cobular/LKMTechCanDriver-Rust
     ("", "t=Time; x=Position; Velocity; Position Error; Velocity Setpoint; Velocity Error; u=Target Torque; r=Target Pos"),
     ("", "t=Time; x=Position; Velocity; u=input; action"),
     # EMendezJ/Lab8
-    ('columns={"u": ...}', "timestamp; rpm; velocidad_lineal"),
+    ('columns={"u": ..., "x": ...}', "timestamp; rpm; velocidad_lineal"),
     # MatWieckowski/anti_gravity
     ("", "t=Timestamp; x=Output Angle [deg]; Angular Velocity [dps]; Gravity Torque [Nm]; Friction Torque [Nm]; Damping Torque [Nm]; Target Torque [Nm]; u=Applied Torque [Nm]; Is Holding"),
     # Palinho-gum/dashboardmonitoringmotordc
@@ -82,12 +82,12 @@ LOGS = [
     ("", "t=time_ms; r=command_angle; x=feedback_angle; u=current_mA"),
     # jn89b/mechatronics
     ('columns={"u": ...}', "Time; EncoderPosition; TargetCounts"),
-    ('columns={"u": ...}', "Time; roll_dg; pitch_dg; yaw_dg; accel_x_normal; accel_y_normal; accel_z_normal"),
+    ('columns={"u": ..., "x": ...}', "Time; roll_dg; pitch_dg; yaw_dg; accel_x_normal; accel_y_normal; accel_z_normal"),
     # maido-39/free-dog-sdk-dev
-    ('columns={"u": ...}', "timestamp; real_time; FR_0_target; FR_0_actual; FR_0_error; FR_1_target; FR_1_actual; FR_1_error"),
+    ('columns={"u": ..., "x": ...}', "timestamp; real_time; FR_0_target; FR_0_actual; FR_0_error; FR_1_target; FR_1_actual; FR_1_error"),
     # umagaba/eyantra-balancing-robot
-    ('columns={"u": ...}', "Time (s); pidOutput; pitch"),
-    ('columns={"u": ...}', "integral; derivateive; tilterror; Time (s); pidOutput; pitch"),
+    ('columns={"u": ..., "x": ...}', "Time (s); pidOutput; pitch"),
+    ('columns={"u": ..., "x": ...}', "integral; derivateive; tilterror; Time (s); pidOutput; pitch"),
     ('columns={"x": "current_position", "u": ...}', "Time (s); kp_tilt; ki_tilt; kd_tilt; kp_pos; ki_pos; kd_pos; current_position; tilt_angle; filteredAngle; pidOutput; currentAngle"),
     # frankaemika/libfranka
     ("joint=0", "t=time; success_rate; x=state.q[0]; state.q[1]; state.q_d[0]; state.q_d[1]; state.dq[0]; state.dq[1]; state.dq_d[0]; state.dq_d[1]; u=state.tau_J[0]; state.tau_J[1]; state.tau_ext_hat_filtered[0]; state.tau_ext_hat_filtered[1]; cmd.q_d[0]; cmd.q_d[1]; cmd.dq_d[0]; cmd.dq_d[1]; cmd.tau_J_d[0]; cmd.tau_J_d[1]"),

@@ -7,6 +7,7 @@ import io
 import json
 import struct
 import sys
+import warnings
 import zlib
 
 import damage
@@ -164,6 +165,81 @@ def test_dates_are_scaled_once(times, heading):
         with pytest.raises(ValueError, match="gives t in 's', units= says 'ms'"):
             dfc.read_record(frame, units={"t": "ms"})
         same(dfc.read_record(frame.set_index("t")))
+
+
+STAMPS = {
+    "dates": [str(one) for one in CLOCK],
+    "times of day": [f"{one:%H:%M:%S.%f}" for one in CLOCK],
+    "counts from 1970": (CLOCK.as_unit("us").asi8).tolist(),
+}
+
+
+@pytest.mark.parametrize("stamps", STAMPS)
+@pytest.mark.parametrize("heading", ["記録", "Registro", "tick"])
+def test_the_only_column_of_dates_is_the_time(tmp_path, heading, stamps):
+    note = f"{heading!r} taken as t: the only column of dates"
+    path = write(tmp_path, f"{heading},u,x\n" + text(STAMPS[stamps], U, X))
+    record = dfc.read_record(path)
+    same(record)
+    assert note in record.notes
+    # What a rate hides is said; that there is no time may be stated.
+    with pytest.warns(dfc.RecordWarning, match=f"dates of '{heading}' are left out.*lost rows"):
+        same(dfc.read_record(path, rate=1000.0))
+    with warnings.catch_warnings(action="error"):
+        same(dfc.read_record(path, rate=1000.0, columns={"t": None}))
+    with pytest.raises(ValueError, match="samples dropped"):
+        kept = np.arange(N) != 7
+        lines = text(*(np.array(c)[kept] for c in (STAMPS[stamps], U, X)))
+        dfc.read_record(write(tmp_path, f"{heading},u,x\n{lines}"))
+    if stamps == "dates":
+        assert note in dfc.read_record(PD.DataFrame({heading: CLOCK, "u": U, "x": X})).notes
+    # Of two the line names one.
+    path = write(tmp_path, f"{heading},sent,u,x\n" + text(STAMPS[stamps], STAMPS[stamps], U, X))
+    with pytest.raises(ValueError, match=f"could each be t.*columns=..t.: .{heading}.}}\\)$"):
+        dfc.read_record(path)
+
+
+@pytest.mark.parametrize(
+    "heading",
+    [
+        "時刻",
+        "日時",
+        "タイムスタンプ",
+        "日期时间",
+        "Horodatage",
+        "logged at",
+        "datum_zeit",
+        "epoch",
+    ],
+)
+def test_a_name_for_date_and_time_is_that_of_the_time(tmp_path, heading):
+    record = dfc.read_record(write(tmp_path, f"{heading},u,x\n" + text(T, U, X)))
+    same(record)
+    assert record.notes == ()
+    same(dfc.read_record({heading: CLOCK.to_numpy(), "u": U, "x": X}))
+    # Beside a time it is left out.
+    same(dfc.read_record({heading: 7.0 * T, "time": T, "u": U, "x": X}))
+
+
+@pytest.mark.parametrize(
+    ("headings", "line"),
+    [
+        ("a,b,c", 'columns={"t": "a", "u": "b", "x": "c"}'),
+        ("tick,u,x", 'columns={"t": "tick"}'),
+        ("foo,bar,pos", 'columns={"t": "foo", "u": ...}'),
+    ],
+)
+def test_roles_that_no_column_has_are_told_at_once(tmp_path, headings, line):
+    path = write(tmp_path, f"{headings}\n" + text(T, U, X))
+    with pytest.raises(ValueError, match="no column recognised as t") as refused:
+        dfc.read_record(path)
+    assert str(refused.value).endswith(f"Read it by read_record({json.dumps(str(path))}, {line})")
+    if "..." not in line:
+        same(eval(f"dfc.read_record(path, {line})"))
+    # The numbers of the rows are no time.
+    path = write(tmp_path, "row,u,x\n" + text(np.arange(N), U, X))
+    with pytest.raises(ValueError, match=r"rate=\.\.\.\)$"):
+        dfc.read_record(path)
 
 
 def test_python_dates_with_a_time_zone_are_read():

@@ -470,7 +470,8 @@ BAD_TEXT = {
     "overflow": (lines_with(5, "0.003,1e999,2"), r"u has 1 values .* u\[3\] = inf"),
     "one column": ("\n".join(map(str, T)), "1 column"),
     "many columns, no heading": (text(T, T, U, X, X), "5 columns and no heading"),
-    "unknown headings": ("a,b,c\n" + text(T, U, X), "no column recognised as t; available: 'a', 'b'"),
+    "unknown headings": ("a,b,c\n" + text(T, U, X), "no column recognised as t, u, x; available: 'a', 'b'.*"
+                         'columns={"t": "a", "u": "b", "x": "c"}'),
     "same heading twice": ("t,u,u,x\n" + text(T, U, U, X), "'u', 'u' could each"),
     "binary": ("t,u,x\n\0\1\2", "no plain text"),
     "time as position": ("t,u,x [ms]\n" + text(T, U, X), "x cannot be in 'ms'"),

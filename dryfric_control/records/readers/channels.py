@@ -98,6 +98,13 @@ class Wanted(NamedTuple):
     database: Any = None  # what says where the channels are in the frames of a bus
 
 
+class Clues(NamedTuple):
+    """Columns, by index, of which the first values are those of a clock."""
+
+    dates: tuple[int, ...] = ()  # or durations, or counts from a date
+    rising: tuple[int, ...] = ()  # numbers that only rise, not those of the rows
+
+
 def own_notes(meta: Any, damaged: str) -> dict[str, Any]:
     """What `Record.to_csv` and `to_pandas` keep beside the columns, as fields of `Channels`."""
     try:
@@ -253,9 +260,12 @@ def _fits(role: str, unit: str) -> bool:
         return False
 
 
-def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> dict[str, int]:
+def assign_columns(
+    headings: list[str], wanted: Wanted | None, where: str, clues: Clues | None = None
+) -> dict[str, int]:
     """Index of the column for each role, as the caller says or by usual names."""
     wanted = wanted or Wanted()
+    clues = clues or Clues()
     columns = _checked_columns(wanted.columns)
     timed = wanted.timed
     if not headings:
@@ -272,11 +282,20 @@ def assign_columns(headings: list[str], wanted: Wanted | None, where: str) -> di
         if role in columns:
             continue
         found = _usual_columns(role, headings, names, chosen, timed)
+        if role == "t" and not found and timed is not False:
+            free = [k for k in clues.dates if k not in chosen.values()]
+            found = [k for k in free if not _has_meaning(names[k])]
         if len(found) > 1 and role in ROLES[:3]:
             raise _ambiguity_error(role, found, headings, names, where)
         if found:
             chosen[role] = found[0]
-    _check_roles(chosen, "u" not in columns, timed, headings, where)
+    _check_roles(chosen, "u" not in columns, timed, headings, where, clues)
+    unseen = [headings[k] for k in clues.dates if k not in chosen.values()]
+    if timed is False and unseen and not {"t"} & {*chosen, *columns}:
+        warn(
+            f"{where}: with rate= the dates of {unseen[0]!r} are left out, so that lost rows "
+            "cannot be seen: leave rate= out, or, if there are none, say columns={'t': None}"
+        )
     return chosen
 
 
@@ -287,16 +306,21 @@ def _column_names(headings: list[str], joint: str | int | None, where: str) -> l
 
 
 def _check_roles(
-    chosen: dict[str, int], driven: bool, timed: bool | None, headings: list[str], where: str
-) -> None:
-    """Refuse columns of which a role is missing, or one that has two roles."""
-    for role, needed, none in (
-        ("t", timed, "rate= [samples per s]"),
-        ("u", driven, 'columns={"u": None} for a free motion'),
-        ("x", "v" not in chosen, "a column of velocity, v"),
-    ):
-        if needed and role not in chosen:
-            raise _missing_role_error(role, none, headings, set(chosen.values()), where)
+    chosen: dict[str, int], driven: bool, timed: bool | None, headings: list[str], where: str,
+    clues: Clues,
+) -> None:  # fmt: skip
+    """Refuse columns of which roles are missing, or one that has two roles."""
+    missing = {
+        role: none
+        for role, needed, none in (
+            ("t", timed, "rate= [samples per s]"),
+            ("u", driven, 'columns={"u": None} for a free motion'),
+            ("x", "v" not in chosen, "a column of velocity, v"),
+        )
+        if needed and role not in chosen
+    }
+    if missing:
+        raise _missing_roles_error(missing, headings, chosen, where, clues)
     for a, b in itertools.combinations(chosen, 2):
         if chosen[a] == chosen[b]:
             raise ValueError(f"{where}: column {headings[chosen[a]]!r} serves as both {a} and {b}")
@@ -392,20 +416,46 @@ def _suits_role(role: str, heading: str) -> bool:
     return bool(ends & set(suited)) and _fits(role, unit) and parse_heading(name)[0] in ("", role)
 
 
-def _missing_role_error(
-    role: str, none: str, headings: list[str], taken: set[int], where: str
+def _missing_roles_error(
+    missing: Mapping[str, str],
+    headings: list[str],
+    chosen: dict[str, int],
+    where: str,
+    clues: Clues,
 ) -> RefusalError:
-    """The error for a role that no column is recognised to play."""
-    free = [h.strip() for k, h in enumerate(headings) if k not in taken and h.strip()]
-    likely = [h for h in free if _suits_role(role, h)]
-    mend: dict[str, Any] = {"columns": {role: likely[0] if likely else ...}}
-    if role == "t" and not likely:
-        mend = {"rate": ...}
-    elif role == "u" and all(_is_other_channel(split_header(h)[0]) for h in free):
-        mend = {"columns": {"u": None}}
+    """The error for roles that no column is recognised to play, and what to give for none."""
+    taken = set(chosen.values())
+    own = {k: h.strip() for k, h in enumerate(headings) if k not in taken and h.strip()}
+    columns: dict[str, Any] = {}
+    for role in missing:
+        likely = [h for h in own.values() if _suits_role(role, h)]
+        columns[role] = likely[0] if likely else ...
+    rising = [k for k in clues.rising if k in own and not _has_meaning(split_header(own[k])[0])]
+    order = ""
+    if {*columns.values()} == {...} and 1 < len(missing) == len(headings) == len({*headings}):
+        # As where there are no headings, if the first may be a time.
+        if "t" not in missing or clues.rising[:1] == (0,):
+            columns = {role: h.strip() for role, h in zip(missing, headings, strict=True)}
+            order = ", in this order as the line takes them"
+    mend: dict[str, Any] = {"columns": columns}
+    if columns.get("t") is ...:
+        if len(rising) == 1:
+            columns["t"] = own[rising[0]]
+        else:
+            del columns["t"]
+            mend["rate"] = ...
+    if columns.get("u") is ... and all(_is_other_channel(split_header(h)[0]) for h in own.values()):
+        columns["u"] = None
+    asked = ", ".join(f'"{role}": ...' for role in missing)
+    which = "which it is"
+    ways = [f"give {none} if there is none" for none in missing.values()]
+    if len(missing) > 1:
+        which = "which they are"
+        ways = [f"{none} if there is no {role}" for role, none in missing.items()]
     return RefusalError(
-        f"{where}: no column recognised as {role}; available: {_list_headings(headings)}. "
-        f'Say which it is: columns={{"{role}": ...}}, or give {none} if there is none'
+        f"{where}: no column recognised as {', '.join(missing)}; "
+        f"available: {_list_headings(headings)}{order}. "
+        f"Say {which}: columns={{{asked}}}, or {', '.join(ways)}"
         + page_reference("howto/read_csv"),
         **mend,
     )
@@ -490,7 +540,7 @@ def left_out(headings: list[str], chosen: Mapping[str, int]) -> tuple[str, ...]:
 
 
 def guess_notes(headings: list[str], chosen: Mapping[str, int], wanted: Wanted) -> tuple[str, ...]:
-    """Notes on columns that were taken by a letter or a unit, not by a name."""
+    """Notes on columns that were taken by a letter, a unit or dates, not by a name."""
     notes = []
     for role in [role for role in ROLES if role in chosen and role not in (wanted.columns or {})]:
         heading = headings[chosen[role]].strip()
@@ -502,6 +552,8 @@ def guess_notes(headings: list[str], chosen: Mapping[str, int], wanted: Wanted) 
             notes.append(f"{heading!r} taken as {role}: by its letter")
         elif found is not None:
             notes.append(f"{heading!r} taken as {role}: the only column in a unit of {found.kind}")
+        elif role == "t" and heading:
+            notes.append(f"{heading!r} taken as t: the only column of dates")
     return tuple(notes)
 
 

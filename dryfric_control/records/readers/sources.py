@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from dryfric_control.checks import describe_value
-from dryfric_control.records.clock import epoch_of
+from dryfric_control.records.clock import epoch_of, rises
 from dryfric_control.records.readers import channels
 from dryfric_control.records.readers.can_log import CanLog
-from dryfric_control.records.readers.channels import Channels, Wanted
+from dryfric_control.records.readers.channels import Channels, Clues, Wanted
 from dryfric_control.records.readers.common_clock import on_position_clock, with_own_clocks
 from dryfric_control.records.readers.limits import too_long
 from dryfric_control.records.readers.log_file import Channel, LogFile
@@ -32,6 +32,7 @@ from dryfric_control.records.refusal import RefusalError
 from dryfric_control.records.scaling import Gain
 from dryfric_control.store.files import existing_file
 
+_LOOKED_AT = 200  # values that show whether a column only rises
 _SOUND = 0.8  # part of a channel that must be numbers; those that are not are bridged
 
 
@@ -131,7 +132,7 @@ def _select_columns(
     known = [""] * len(headings) if unnamed else headings
     if isinstance(table, LogFile):
         return _select_log_channels(table, start, wanted)
-    chosen = channels.assign_columns(known, wanted, start.where)
+    chosen = channels.assign_columns(known, wanted, start.where, _clues(table))
     _drop_unusable(chosen, table, headings, named)
     values = {role: table[headings[k]] for role, k in chosen.items()}
     units = {role: channels.split_header(headings[k])[1] for role, k in chosen.items()}
@@ -278,6 +279,25 @@ def _unsupported_text(path: Path) -> str:
         f"{path.name}: files of type {path.suffix!r} are not read; {mend}. "
         f"Read are {', '.join((*SUFFIXES, '.csv.gz', *_TABLES))}"
     )
+
+
+def _clues(table: Mapping[str, Any]) -> Clues:
+    """What the columns of a table show of clocks; those that are no arrays are told later."""
+    arrays = {}
+    for k, values in enumerate(table.values()):
+        with suppress(ValueError):
+            arrays[k] = np.ravel(np.asarray(values))
+    return Clues(
+        tuple(k for k, one in arrays.items() if _holds_dates(one)),
+        tuple(k for k, one in arrays.items() if rises(one[:_LOOKED_AT])),
+    )
+
+
+def _holds_dates(array: Any) -> bool:
+    """Whether an array has dates or durations, or counts from a date."""
+    if array.dtype.kind == "O":
+        return array.size > 0 and isinstance(array[0], datetime)
+    return array.dtype.kind in "mM" or epoch_of(array) is not None
 
 
 def _as_seconds(values: Any) -> Any:

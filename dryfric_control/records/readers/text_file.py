@@ -20,9 +20,15 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from dryfric_control.records.clock import epoch_of
+from dryfric_control.records.clock import epoch_of, rises
 from dryfric_control.records.readers import channels
-from dryfric_control.records.readers.channels import EXTRAS, Channels, Wanted, split_header
+from dryfric_control.records.readers.channels import (
+    EXTRAS,
+    Channels,
+    Clues,
+    Wanted,
+    split_header,
+)
 from dryfric_control.records.readers.limits import too_long
 from dryfric_control.records.record_warning import warn
 from dryfric_control.units import known_unit
@@ -277,8 +283,26 @@ def _lay_out(text: _Text, chunk: _Lines) -> int:
     else:
         start = _with_headings(text, chunk, rows, first)
         _check_column_count(text)
-    _choose_columns(text, clocks)
+    _choose_columns(
+        text, clocks, _clues([row for row in rows[start:] if len(row) == len(text.headings)])
+    )
     return start
+
+
+def _clues(rows: list[list[str]]) -> Clues:
+    """What the first rows of numbers show of clocks."""
+
+    def is_date(cell: str) -> bool:
+        return _stamp(cell) is not None or (
+            _is_number(cell) and epoch_of([_number(cell)]) is not None
+        )
+
+    columns = list(zip(*rows, strict=True))
+    numbers = {k: [*map(_number, c)] for k, c in enumerate(columns) if all(map(_is_number, c))}
+    return Clues(
+        tuple(k for k, cells in enumerate(columns) if is_date(cells[0])),
+        tuple(k for k, values in numbers.items() if rises(values)),
+    )
 
 
 def _find_delimiter(text: _Text, lines: list[str]) -> int:
@@ -306,10 +330,10 @@ def _check_column_count(text: _Text) -> None:
         )
 
 
-def _choose_columns(text: _Text, clocks: list[int]) -> None:
+def _choose_columns(text: _Text, clocks: list[int], clues: Clues) -> None:
     """Choose the columns by their headings, and to each that of its time, of several."""
     columns = text.wanted.columns or {}
-    text.chosen = channels.assign_columns(text.headings, text.wanted, text.name)
+    text.chosen = channels.assign_columns(text.headings, text.wanted, text.name, clues)
     text.optional = tuple(r for r in EXTRAS if r in text.chosen and r not in columns)
     if clocks and "t" in text.chosen and "t" not in columns:
         played = {role: k for role, k in text.chosen.items() if role != "t"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,6 +60,13 @@ def epoch_of(stamps: Any) -> Epoch | None:
     first, last = (float(there.min()), float(there.max())) if there.size else (0.0, 0.0)
     known = (epoch for epoch in _EPOCHS if epoch.least <= first and last <= epoch.most)
     return next(known, None)
+
+
+def stamp_text(stamp: float, step: float) -> str:
+    """A moment in seconds, with the digits that tell it from the samples beside it."""
+    told = math.isfinite(stamp) and step > 0.0
+    digits = math.ceil(math.log10(max(abs(stamp), step) / step)) + 2 if told else 0
+    return f"{stamp:.{min(max(6, digits), 17)}g}"
 
 
 def rises(values: Any) -> bool:

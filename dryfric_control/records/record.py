@@ -23,6 +23,7 @@ from dryfric_control.compiled.windowed_runs import NO_FORCE
 from dryfric_control.records import bad_readings
 from dryfric_control.records import record_checks as checks
 from dryfric_control.records.bad_readings import NONE, Masked
+from dryfric_control.records.clock import stamp_text
 from dryfric_control.records.data_check import RecordCheck, assumed_units, check_record, factors
 from dryfric_control.records.motion import directions
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, ROLES
@@ -193,8 +194,8 @@ class Record(Saved):
             warn(
                 f"of {len(self)} readings of x these are masked: "
                 f"{counts_text(self.bad | {'clipped': 0})}; the first is x[{k}] = "
-                f"{masked.readings[0]:.6g} at t = {self.t[k]:.6g} s. record.masked lists them, "
-                "good=np.ones(len(x), bool) keeps all"
+                f"{masked.readings[0]:.6g} at t = {stamp_text(self.t[k], dt)} s. "
+                "record.masked lists them, good=np.ones(len(x), bool) keeps all"
             )
 
     def __setstate__(self, parts: Mapping[str, Any]) -> None:
@@ -418,8 +419,8 @@ class Record(Saved):
         start, stop = np.searchsorted(self.t, [a, b])
         if not a < b or stop - start < 2:
             raise ValueError(
-                f"the window from {a:g} s to {b:g} s holds fewer than 2 samples; the record runs "
-                f"from {self.t[0]:g} s to {self.t[-1]:g} s"
+                f"the window from {stamp_text(a, self.dt)} s to {stamp_text(b, self.dt)} s holds "
+                f"fewer than 2 samples; the record runs from {self._time_span()}"
             )
         return self[int(start) : int(stop)]
 
@@ -588,9 +589,10 @@ class Record(Saved):
         if np.any(steps > limit):
             k = int(np.argmax(steps > limit))
             raise RefusalError(
-                f"gap of {steps[k]:.4g} s after t[{k}] = {tv[k]:.6g} s, longer than "
-                f"{limit:.3g} s: filling it would invent data. Use Record.split_at_gaps(...), or "
-                f"allow it with max_gap={1.01 * float(steps.max()):.3g}",
+                f"gap of {steps[k]:.4g} s after t[{k}] = {stamp_text(tv[k], median)} s, longer "
+                f"than {limit:.3g} s: filling it would invent data. Use "
+                "Record.split_at_gaps(...), or allow it with "
+                f"max_gap={1.01 * float(steps.max()):.3g}",
                 **checks.short_gap(steps),
             )
         factor = checks.checked_raw(options.get("raw")).get("x", ("", 1.0))[1]
@@ -896,7 +898,7 @@ class Record(Saved):
         rows = [
             ("record", self.name or "(no name)"),
             ("samples", f"{len(self)} at {self.dt:.6g} s, {self.duration:.6g} s"),
-            ("time", f"{self.t[0]:.6g} s to {self.t[-1]:.6g} s"),
+            ("time", self._time_span()),
             ("input", self._span("u", ".6g")),
             ("position", self._span("x", ".6g")),
             ("load", "" if self.known_load is None else self._span("load", ".6g")),
@@ -920,6 +922,10 @@ class Record(Saved):
     def _unit(self, role: str) -> str:
         """Unit behind a number."""
         return f" {self.units[role]}" if role in self.units else ""
+
+    def _time_span(self) -> str:
+        """First and last moment."""
+        return f"{stamp_text(self.t[0], self.dt)} s to {stamp_text(self.t[-1], self.dt)} s"
 
     def _span(self, role: str, digits: str) -> str:
         """Range of a channel."""

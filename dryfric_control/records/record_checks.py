@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from dryfric_control.arrays import Bools, Floats, Ints
 from dryfric_control.checks import finite, one_of, positive
 from dryfric_control.records.bad_readings import round_within
-from dryfric_control.records.clock import JITTER_LIMIT, single_spacing
+from dryfric_control.records.clock import JITTER_LIMIT, single_spacing, stamp_text
 from dryfric_control.records.readers.channels import EXTRAS, MAX_ROWS, units_by_role
 from dryfric_control.records.record_warning import warn
 from dryfric_control.records.refusal import RefusalError
@@ -236,12 +236,14 @@ def sound_rows(
 def increasing_steps(t: Floats) -> Floats:
     """The steps of a time that increases."""
     steps = np.diff(t)
+    usual = float(np.median(np.abs(steps)))
     back = steps < 0
     if back.any():
         k = int(np.argmax(back))
         raise ValueError(
-            f"t goes back {int(back.sum())} times, first from t[{k}] = {t[k]:.9g} to t[{k + 1}] = "
-            f"{t[k + 1]:.9g}; sort the samples by time, or split where runs were joined"
+            f"t goes back {int(back.sum())} times, first from t[{k}] = "
+            f"{stamp_text(t[k], usual)} to t[{k + 1}] = {stamp_text(t[k + 1], usual)}; sort the "
+            "samples by time, or split where runs were joined"
         )
     same = steps == 0
     if same.any():
@@ -249,8 +251,9 @@ def increasing_steps(t: Floats) -> Floats:
         few = same.sum() <= _DOUBLED * t.size
         raise RefusalError(
             f"t has {int(same.sum())} duplicated time stamps, first t[{k}] = t[{k + 1}] = "
-            f"{t[k]:.9g}; keep one of each: keep = np.r_[True, np.diff(t) > 0], or, of an even "
-            "clock in coarse stamps, give rate= and columns={'t': None}",
+            f"{stamp_text(t[k], usual)}; keep one of each: keep = np.r_[True, "
+            "np.diff(t) > 0], or, of an even clock in coarse stamps, give rate= and "
+            "columns={'t': None}",
             **(
                 {"dt": _suggested_step(steps[~same])}
                 if few
@@ -290,9 +293,10 @@ def uniform_step(t: Floats) -> float:
         more = short_gap(steps) if allowed else {}
         raise RefusalError(
             f"{int(long.sum())} gaps in t, about {missing} samples dropped; the first of "
-            f"{steps[k]:.4g} s (step {median:.4g} s) after t[{k}] = {t[k]:.6g} s, the longest of "
-            f"{longest:.4g} s. Split there with Record.split_at_gaps(...), or fill short ones with "
-            f"Record.from_irregular(...) or read_record(..., dt={median:.4g}{allowed})",
+            f"{steps[k]:.4g} s (step {median:.4g} s) after t[{k}] = {stamp_text(t[k], median)} s, "
+            f"the longest of {longest:.4g} s. Split there with Record.split_at_gaps(...), or fill "
+            "short ones with Record.from_irregular(...) or "
+            f"read_record(..., dt={median:.4g}{allowed})",
             dt=_suggested_step(steps),
             **more,
         )
@@ -301,7 +305,8 @@ def uniform_step(t: Floats) -> float:
     jitter = float(np.abs(steps - dt).max())
     if jitter > JITTER_LIMIT * dt:
         coarse = (
-            f" At {t[-1]:.6g} s the stamps resolve {resolution:.2g} s: subtract the start first."
+            f" At {stamp_text(t[-1], dt)} s the stamps resolve {resolution:.2g} s: "
+            "subtract the start first."
             if resolution > 0.1 * JITTER_LIMIT * dt
             else ""
         )

@@ -222,3 +222,23 @@ def test_a_run_under_one_force_is_read_with_a_warning():
         dfc.read_record({"t": T, "u": np.ones(N), "x": 0.5 * T**2})
     with pytest.raises(ValueError, match="u is constant"):
         dfc.read_record({"t": T, "u": np.ones(N), "x": X})
+
+
+def test_moments_far_from_zero_are_told_apart():
+    """Seconds since 1970 have ten digits before the point."""
+    start = 1_796_030_000.0
+    t = start + 1e-2 * np.arange(400)
+    u, x = np.cos(3e-2 * np.arange(400)), np.sin(2e-2 * np.arange(400))
+    record = dfc.Record(t, u, x)
+    assert "1796030000 s to 1796030003.99 s" in record.summary()
+    with pytest.raises(ValueError, match="record runs from 1796030000 s to 1796030003.99 s"):
+        record.window(0.0, 4.0)
+    kept = np.delete(np.arange(400), range(123, 140))
+    with pytest.raises(ValueError, match=r"after t\[122\] = 1796030001.22 s"):
+        dfc.Record(t[kept], u[kept], x[kept])
+    with pytest.raises(ValueError, match=r"after t\[122\] = 1796030001.22 s"):
+        dfc.Record.from_irregular(t[kept], u[kept], x[kept])
+    x = x.copy()
+    x[37] += 0.5
+    with pytest.warns(dfc.RecordWarning, match=r"at t = 1796030000.37 s"):
+        dfc.Record(t, u, x)

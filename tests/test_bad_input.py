@@ -403,10 +403,11 @@ rows(
     ("Record.split_at_gaps", dict(t=T[::-1]), "sort"),
     ("Record.split_at_gaps", dict(x=nan_at(X)), "remove"),
     ("Record.from_frame", dict(frame=Each([1, 2], X)), "data frame"),
-    ("Record.window", dict(t0=1.0, t1=0.5), "record runs from", "window"),
+    ("Record.window", dict(t0=4.0, t1=1.0), "exchange them", "t0 = 4 s is after t1 = 1 s"),
     ("Record.window", dict(t0=Each(NAN, 90.0)), "record runs from", "window"),
     ("Record.split", dict(parts=Each(0, 5000)), "parts of 2 or more"),
-    ("Record.split", dict(parts=Each(1.5, [0.5, 0.6], NAN)), "positive with sum 1", "fractions"),
+    ("Record.split", dict(parts=Each(-0.5, [0.5, 0.6], NAN)), "positive with sum 1", "fractions"),
+    ("Record.split", dict(parts=Each(1.5, 60.0)), "0.6 for 60 %", "split"),
     ("Record.split", dict(parts=True), "fraction", "split"),
     ("Record.split", dict(parts="half"), "convert it", "fractions"),
     ("Record.split", dict(parts=[0.9999, 0.0001]), "at least 2", "holds"),
@@ -488,6 +489,9 @@ files(
     ("none.log", '{"entries": []}', "none.log", "entries"),
     ("bare.log", '{"entries": [1]}', "entry 0", "not a number"),
     ("step.log", damage.bam_log(), "dt", "more than zero", dict(dt=0.0)),
+)
+files(
+    "load_record", ("m4.csv", columns(T[:9], U[:9], X[:9]), "m4.csv is no JSON", "by read_record")
 )
 files("datasets.emps", ("emps.csv", columns(T, U, X), "not the EMPS record", "read_record"))
 TOML = "mass = 2.0\nviscous = 15.0\ncoulomb = 8.0\n"

@@ -142,6 +142,7 @@ class Record(Saved):
     raw: Mapping[str, tuple[str, float]]
     masked: Masked
     _kind = "record"
+    _otherwise = "; files of measurements are read by read_record"
 
     def __init__(
         self,
@@ -416,6 +417,11 @@ class Record(Saved):
         for limit, value in (("t0", a), ("t1", b)):
             if not isinstance(value, (int, float, np.number)):
                 raise ValueError(f"{limit} must be a number in s, got {value!r}")
+        if a > b:
+            raise ValueError(
+                f"window: t0 = {stamp_text(a, self.dt)} s is after t1 = {stamp_text(b, self.dt)} "
+                "s: exchange them, the start goes first"
+            )
         start, stop = np.searchsorted(self.t, [a, b])
         if not a < b or stop - start < 2:
             raise ValueError(
@@ -439,6 +445,11 @@ class Record(Saved):
                 raise ValueError(f"{len(self)} samples do not make {parts} parts of 2 or more")
             fractions = np.full(int(parts), 1 / int(parts))
         elif isinstance(parts, (float, np.floating)):
+            if parts > 1:
+                raise ValueError(
+                    f"split takes the fraction of the first of two parts, from 0 to 1, such as 0.6 "
+                    f"for 60 %, or a whole number of equal parts; got {parts}"
+                )
             fractions = np.array([parts, 1 - parts], dtype=float)
         else:
             fractions = checks.vector("fractions", parts)

@@ -120,7 +120,9 @@ def read_toml(
 
 def read_json(path: str | os.PathLike[str]) -> Any:
     """What a JSON file holds."""
+    file = existing_file(path)
     try:
-        return json.loads(existing_file(path).read_text(encoding="utf-8-sig"))
+        return json.loads(file.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as problem:
-        raise ValueError(f"{path} is damaged: not readable as JSON ({str(problem)[:80]})") from None
+        what = "damaged: not readable as" if file.suffix.lower() == ".json" else "no"
+        raise ValueError(f"{path} is {what} JSON ({str(problem)[:80]})") from None

@@ -62,6 +62,7 @@ class Saved:
 
     _kind: ClassVar[str]  # what the file says that it is
     _holds: ClassVar[tuple[type, ...]] = ()  # classes of what stands in it beside
+    _otherwise: ClassVar[str] = ""  # what to say of a file that is none of these
     _broken: ClassVar[type[ValueError] | None] = None  # raised where it promises too much
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -100,7 +101,7 @@ class Saved:
         ...     dfc.Record.load(pathlib.Path(folder, "run.json")) == record
         True
         """
-        data, intact = read_document(path, cls._kind)
+        data, intact = read_document(path, cls._kind, cls._otherwise)
         try:
             # Numbers beyond all reason overflow somewhere; sound ones do nowhere.
             with np.errstate(over="raise", divide="raise", invalid="raise"):
@@ -146,13 +147,18 @@ def write_document(path: str | os.PathLike[str], kind: str, data: Mapping[str, A
         file.write("\n")
 
 
-def read_document(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], bool]:
+def read_document(
+    path: str | os.PathLike[str], kind: str, otherwise: str = ""
+) -> tuple[dict[str, Any], bool]:
     """Data that `write_document` wrote, in this version, and whether the checksum fits."""
-    data = read_json(path)
+    try:
+        data = read_json(path)
+    except ValueError as problem:
+        raise ValueError(f"{problem}{otherwise}") from None
     form = f"dryfric-control {kind}"
     found = data.get("format") if isinstance(data, dict) else None
     if found != form:
-        raise ValueError(f"{path} is no {kind}: it has format = {found!r}, not {form!r}")
+        raise ValueError(f"{path} is no {kind}: it has format = {found!r}, not {form!r}{otherwise}")
     version = data.get("version")
     if version not in (VERSION, *MIGRATIONS):
         article = "an" if kind[0] in "aeiou" else "a"

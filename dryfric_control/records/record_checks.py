@@ -119,7 +119,8 @@ def _require_numbers(name: str, array: np.ndarray) -> None:
         "b": "holds true and false, not numbers; the wrong column? If meant, .astype(float)",
         "c": "is complex; pass its real part",
         **dict.fromkeys("US", "holds text; convert it with np.asarray(..., dtype=float)"),
-        "O": "is of dtype object (None, text or mixed values inside); convert it to float",
+        "O": "is of dtype object (None, text or mixed values inside); convert it to float, such as "
+        "with pandas.to_numeric or pandas.read_csv(..., decimal=',')",
         "M": "holds dates; pass seconds: (t - t[0]) / np.timedelta64(1, 's')",
         "m": "holds durations; pass seconds: t / np.timedelta64(1, 's')",
         "V": "is a structured array; pass one of its fields",

@@ -242,6 +242,40 @@ def test_roles_that_no_column_has_are_told_at_once(tmp_path, headings, line):
         dfc.read_record(path)
 
 
+FRAME = PD.DataFrame({"t": T, "u": U, "x": X})
+
+
+@pytest.mark.parametrize("mark", [".", ","])
+def test_text_in_a_data_frame_is_read_as_that_of_a_file(mark):
+    words = FRAME.astype(str).apply(lambda column: column.str.replace(".", mark))
+    same(dfc.read_record(words))
+    same(dfc.read_record(words.assign(x=X.astype(object))))
+    same(dfc.read_record(words.assign(t=CLOCK.astype(str))))
+    lost = words.assign(u=words["u"].where(words.index != 7, "nan"))
+    assert dfc.read_record(lost, dt=1e-3).bad["filled"] == 1
+    for broken in ("broken", "1,234.5"):
+        cells = words.assign(u=words["u"].where(words.index != 7, broken))
+        with pytest.raises(ValueError, match=r"u is of dtype object.*read_csv.*decimal=','"):
+            dfc.read_record(cells)
+
+
+def test_an_empty_data_frame_is_told_as_an_empty_file_is():
+    with warnings.catch_warnings(action="error"):
+        with pytest.raises(ValueError, match="the data frame holds headings and no data rows"):
+            dfc.read_record(FRAME.iloc[:0])
+
+
+def test_headings_of_several_levels_are_paths():
+    table = {("time", ""): T, ("axis1", "torque"): U, ("axis1", "pos"): X}
+    frame = PD.DataFrame(table | {("axis2", "torque"): X, ("axis2", "pos"): U})
+    several = r"'axis1\.torque', 'axis2\.torque' could each be u.*read_record\(source, joint=1\)$"
+    with pytest.raises(ValueError, match=several):
+        dfc.read_record(frame)
+    same(dfc.read_record(frame, joint=1))
+    same(dfc.read_record(frame, joint="axis1"))
+    same(dfc.read_record(frame, columns={"u": "axis1.torque", "x": "axis1.pos"}))
+
+
 def test_python_dates_with_a_time_zone_are_read():
     zone = datetime.timezone(datetime.timedelta(hours=2))
     start = datetime.datetime(2026, 3, 2, 10, tzinfo=zone)

@@ -26,7 +26,12 @@ from dryfric_control.records.readers.mdf_file import MdfFile
 from dryfric_control.records.readers.ros_bag import RosBag
 from dryfric_control.records.readers.tables import read_frame, read_json_lines, read_numpy
 from dryfric_control.records.readers.tdms_file import TdmsFile
-from dryfric_control.records.readers.text_file import SUFFIXES, read_column, read_text
+from dryfric_control.records.readers.text_file import (
+    SUFFIXES,
+    read_column,
+    read_text,
+    text_values,
+)
 from dryfric_control.records.readers.ulog_file import UlogFile
 from dryfric_control.records.refusal import RefusalError
 from dryfric_control.records.scaling import Gain
@@ -136,6 +141,8 @@ def _select_columns(
     _drop_unusable(chosen, table, headings, named)
     values = {role: table[headings[k]] for role, k in chosen.items()}
     units = {role: channels.split_header(headings[k])[1] for role, k in chosen.items()}
+    if not any(map(np.size, values.values())):
+        raise ValueError(f"{start.where} holds headings and no data rows")
     for role, array in values.items():
         if np.size(array) > wanted.max_rows:
             raise ValueError(too_long(start.where, wanted.max_rows))
@@ -332,10 +339,12 @@ def frame_columns(frame: Any) -> dict[str, Any]:
     arrow = hasattr(frame, "column_names")  # whose `columns` are the columns themselves
     table: dict[str, Any] = {}
     for k, label in enumerate(frame.column_names if arrow else frame.columns):
-        if str(label) in table:
-            raise ValueError(f"the data frame has two columns {str(label)!r}; rename one")
+        # A heading of several levels is a path: ("axis1", "pos").
+        heading = ".".join(filter(None, map(str, label))) if type(label) is tuple else str(label)
+        if heading in table:
+            raise ValueError(f"the data frame has two columns {heading!r}; rename one")
         series = frame.iloc[:, k] if hasattr(frame, "iloc") else frame[k if arrow else label]
-        table[str(label)] = _column_values(series)
+        table[heading] = _column_values(series)
     index = getattr(frame, "index", None)
     if index is not None and not channels.columns_by_name(
         "t", [channels.split_header(h)[0] for h in table]
@@ -362,6 +371,10 @@ def _column_values(series: Any) -> Any:
         ) from None
     if values.dtype.kind == "O" and getattr(series.dtype, "kind", "") in "iuf":
         return series.to_numpy(dtype=np.float64, na_value=np.nan)  # whole numbers with gaps
+    plain = (str, int, float)
+    if values.dtype.kind in "OU" and values.size and all(isinstance(v, plain) for v in values):
+        found = text_values([str(v) for v in values])
+        return values if found is None else found
     return values
 
 

@@ -568,6 +568,22 @@ def _stamp(cell: str) -> int | None:
     return 1_000_000_000 * (seconds + int(second)) + int((fraction or "0").ljust(9, "0"))
 
 
+def text_values(cells: list[str]) -> _Array | None:
+    """Dates or numbers in a column of text, None where it has something else."""
+    cells = [cell.strip() for cell in cells]
+    stamps = [_stamp(cell) for cell in cells]
+    if None not in stamps:
+        return _over_midnight(np.array(stamps)).astype("datetime64[ns]")
+    there = [cell.lower() not in _NO_NUMBER for cell in cells]
+    whole = "\n".join(cells)
+    if ("," in whole and "." in whole) or not all(
+        map(_is_number, itertools.compress(cells, there))
+    ):
+        return None
+    numbers = [_exact(c) if known else math.nan for c, known in zip(cells, there, strict=True)]
+    return _column(np.array(numbers, dtype=object))
+
+
 def _over_midnight(stamps: _Array) -> _Array:
     """Times of day that go on after midnight; dates as they are."""
     day = 86_400_000_000_000

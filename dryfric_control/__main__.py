@@ -43,6 +43,13 @@ _SIMULATORS = {".xml": "mjcf", ".urdf": "urdf", ".mo": "modelica", ".m": "simsca
 # Coulomb level to start from, over the largest drive, where a model has none.
 _GUESS = 0.2
 
+
+def _pairs_as_option(told: re.Match[str]) -> str:
+    """A mapping of an argument in Python as it is given on the command line."""
+    pairs = re.findall(r"""["'](\w+)["']: (?:"([^"]*)"|'([^']*)'|([^,]*))""", told[2])
+    return f"--{told[1]} " + ",".join(f"{role}={''.join(said)}" for role, *said in pairs)
+
+
 #: What messages say of arguments in Python, and how it is said of options.
 _AS_OPTIONS = tuple(
     (re.compile(pattern), option)
@@ -64,9 +71,9 @@ _AS_OPTIONS = tuple(
         (r"read_record\(\.\.\., ((?:gain|units)=[^()]*)\)", r"\1"),
         (r"\bgain=-1\b", "--gain -1"),
         (r"\b(gain|units)=\.\.\.", r"--\1"),
-        (r"gain=dfc\.Scaling\(\.\.\.\)", "the numbers of the machine (--help lists them)"),
+        (r"gain=dfc\.Scaling\([^()]*\)", "the numbers of the machine (--help lists them)"),
         (r"with units=\('(.*?)', '(.*?)'\)", r'with units = ["\1", "\2"] in its file'),
-        (r"""\b(columns|gain|units)=\{["'](\w+)["']: ["']?([^"'}]*)["']?\}""", r"--\1 \2=\3"),
+        (r"\b(columns|gain|units)=\{([^{}]*)\}", _pairs_as_option),
     )
 )  # fmt: skip
 

@@ -64,7 +64,7 @@ X = 0.01 * np.sin(20.0 * T)
 def test_columns_units_gain_and_dt(run, capsys):
     text = table("a;b;c;d", (1e3 * T, 3.0 * X, 1e3 * X, T))
     assert run(text) is None
-    assert "Say which it is: --columns t=..." in capsys.readouterr().err
+    assert "Say which they are: --columns t=...,u=...,x=..." in capsys.readouterr().err
     record = run(text, "--columns", "t=a,u=b,x=c", "--units", "t=ms, x=mm", "--gain", "2.5")
     np.testing.assert_allclose(record.x, X, atol=1e-9)
     np.testing.assert_allclose(record.u, 7.5 * X, atol=1e-5)

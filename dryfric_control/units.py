@@ -11,7 +11,7 @@ import functools
 import itertools
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 from unicodedata import normalize
 
@@ -255,6 +255,12 @@ def axis_units(units: Any) -> tuple[str, str]:
     if kinds in (["length", "torque"], ["angle", "force"]):
         raise ValueError(f"units = {tuple(units)} are not those of one axis; {mend}")
     return names[0], names[1]
+
+
+def usual_units(stated: Mapping[str, str]) -> tuple[str, str]:
+    """Units of position and drive of a record, one that nobody stated as the other has it."""
+    length, force = _SYSTEMS[stated.get("x") == "rad" or stated.get("u") == "N m"]
+    return stated.get("x") or length, stated.get("u") or force
 
 
 def check_units(axis: Any, record: Any, name: str = "record") -> None:

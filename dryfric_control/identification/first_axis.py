@@ -19,6 +19,7 @@ from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
 from dryfric_control.result_table import Quantity, format_table
 from dryfric_control.text import Result, documented, page_reference, stated
+from dryfric_control.units import usual_units
 
 # Ratio of standard error to value beyond which a parameter is not determined.
 _HARDLY = 0.5
@@ -189,11 +190,11 @@ def force_regression(record: RecordLike) -> ForceRegression:
     if not errors[0] < _HARDLY * mass:
         # One that hardly matters in this motion.
         mass = _FAINT * level / max(float(np.abs(found.motion.a).max()), 1e-300)
-    units = (record.units.get("x") or "m", record.units.get("u") or "N")
+    units = usual_units(record.units)
     axis = FrictionAxis(
         mass=mass, viscous=max(float(values[1]), 0.0), coulomb=CoulombMap.of(level),
         stick_speed=_stick_speed(record, units[0]), name=record.name or "axis",
-        units=_axis_units(units),
+        units=units,
     )  # fmt: skip
     return ForceRegression(
         axis, parameters, deviations, float(values[3]), float(values[4]), found.rms, tuple(messages)
@@ -204,8 +205,3 @@ def _stick_speed(record: Record, length: str) -> float:
     """Stick velocity that is rest for this record: the default is for machines in m or rad."""
     small = STICK_RATIO * fast_speed(record)
     return min(FrictionAxis.stick_speed, small) if length in ("m", "rad") else small
-
-
-def _axis_units(units: tuple[str, str]) -> tuple[str, str]:
-    """Units of an axis where the record states only one of them."""
-    return ("rad", "N m") if units in (("rad", "N"), ("m", "N m")) else units

@@ -11,6 +11,7 @@ from dryfric_control.records.bad_readings import FILLED, REASONS, held_for
 from dryfric_control.records.motion import ONE_VELOCITY, Record, directions, reversals, usual_speeds
 from dryfric_control.records.staircase import find_staircase
 from dryfric_control.text import Result, documented, length_text, stated
+from dryfric_control.units import usual_units
 
 # What a record must have.
 # Duration of its longest rest [s].
@@ -133,7 +134,8 @@ def factors(raw: Mapping[str, tuple[str, float]]) -> str:
 
 def assumed_units(units: Mapping[str, str]) -> str:
     """What is taken for units that nobody stated; empty where all are."""
-    usual = {role: unit for role, unit in (("u", "N"), ("x", "m")) if role not in units}
+    by_role = dict(zip("xu", usual_units(units), strict=True))
+    usual = {role: by_role[role] for role in "ux" if role not in units}
     if not usual:
         return ""
     return (
@@ -208,6 +210,11 @@ def _messages(found: RecordCheck, record: Record) -> Iterator[str]:
     """What a user has to know before a fit."""
     if not record.u.any():
         yield "no drive: only ratios to the mass can be determined; give it as known"
+    if found.units[1] == "A":
+        yield (
+            "the drive is a current: forces and mass are in amperes until "
+            "gain=dfc.Scaling(torque_constant=...) of read_record makes a force of it"
+        )
     if (taken := energy_message(record, found.units)) is not None:
         yield taken
     if found.units[0] in ("m", "") and (unit := speed_message(record)) is not None:

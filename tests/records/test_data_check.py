@@ -131,7 +131,7 @@ def test_a_rich_record_has_no_message_and_a_part_at_rest_has():
     ("units", "said"),
     [
         ({}, "none stated for u, x: taken as those of the axis (N, m by default), time in s"),
-        ({"u": "N m"}, "none stated for x: taken as those of the axis (m by default), time in s"),
+        ({"u": "N m"}, "none stated for x: taken as those of the axis (rad by default), time in s"),
         ({"u": "N", "x": "m"}, ""),
     ],
 )

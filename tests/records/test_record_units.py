@@ -2,6 +2,7 @@
 
 import inspect
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -138,6 +139,46 @@ def test_per_cent_and_current_make_a_force(options, stored, factor, unit):
     record = dfc.read_record({"t": T, stored: U, "x": X}, gain=dfc.Scaling(**options))
     np.testing.assert_allclose(record.u, factor * U, rtol=1e-12)
     assert record.units["u"] == unit and record.raw["u"][1] == pytest.approx(factor)
+
+
+@pytest.mark.parametrize(
+    "heading",
+    [
+        "iq",
+        "Motorstrom",
+        "current",
+        "iq_meas",
+        "Iststrom",
+        "电机电流",
+        "モータ電流",
+        "I",
+        "corriente",
+    ],
+)
+def test_a_current_is_no_force(heading):
+    table = {"t": T, heading: U, "x": X}
+    with pytest.warns(dfc.RecordWarning, match=f"'{heading}' is a current.*torque_constant="):
+        record = dfc.read_record(table)
+    assert record.units["u"] == "A" and f"u is in A: {heading!r} is a current" in record.notes
+    assert any("the drive is a current" in message for message in record.check().messages)
+    with pytest.raises(ValueError, match="u is in 'A', the axis has 'N'"):
+        dfc.replay(AXIS, record)
+    # Whoever says what it is, is not told.
+    with warnings.catch_warnings(action="error"):
+        said = dfc.read_record(table, gain=dfc.Scaling(force_constant=38.0))
+        assert said.units["u"] == "N" and said.raw["u"] == ("A", 38.0)
+        assert dfc.read_record(table, gain=dfc.Scaling(rated_torque=2.0)).raw["u"][0] == "%"
+        assert "u" not in dfc.read_record(table, gain=35.0).units
+        assert dfc.read_record(table, units={"u": "N"}).units["u"] == "N"
+        assert "u" not in dfc.read_record({"t": T, "torque": U, "x": X}).units
+
+
+def test_the_force_of_an_axis_that_turns_is_a_torque():
+    counts = np.round(1e5 * X)
+    record = dfc.read_record({"t": T, "u": U, "x": counts}, gain=dfc.Scaling(counts_per_turn=4096))
+    assert "none stated for u: taken as those of the axis (N m by default)" in record.summary()
+    record = dfc.read_record({"t": T, "u [N m]": U, "x": X})
+    assert "none stated for x: taken as those of the axis (rad by default)" in record.summary()
 
 
 LOOP = dfc.PositionController.from_bandwidth(AXIS, 20.0, dt=1e-3)

@@ -84,6 +84,7 @@ class Channels:
     masked: tuple[str, ...] | None = None
     clocks: dict[str, Any] = field(default_factory=dict)  # stamps of channels with their own
     lacking: str = ""  # what to say of the first number that is missing
+    current: str = ""  # heading by which the drive is a current, in a unit or in none
 
 
 class Wanted(NamedTuple):
@@ -451,7 +452,7 @@ def _missing_roles_error(
     ways = [f"give {none} if there is none" for none in missing.values()]
     if len(missing) > 1:
         which = "which they are"
-        ways = [f"{none} if there is no {role}" for role, none in missing.items()]
+        ways = [f"give {none} if there is no {role}" for role, none in missing.items()]
     return RefusalError(
         f"{where}: no column recognised as {', '.join(missing)}; "
         f"available: {_list_headings(headings)}{order}. "
@@ -522,6 +523,19 @@ def _same_joint(role: str, names: list[str], chosen: Mapping[str, int]) -> list[
     joints = {joint for k in chosen.values() if (joint := parse_heading(names[k])[2])}
     own = [name if parse_heading(name)[2] in joints else "" for name in names]
     return columns_by_name(role, own) or columns_by_name(role, names)
+
+
+def current_heading(headings: list[str], chosen: Mapping[str, int]) -> str:
+    """Heading of the drive if it names a current, else nothing."""
+    heading = headings[chosen["u"]].strip() if "u" in chosen else ""
+    name = split_header(heading)[0]
+    usual = parse_heading(name)[1] or name.casefold()
+    words = re.split(r"[_.]", usual)
+    named = any(
+        one in words or (one in usual and (len(one) > 2 or not one.isascii()))
+        for one in _SAID["quantities"]["current"]
+    )
+    return heading if named else ""
 
 
 def left_out(headings: list[str], chosen: Mapping[str, int]) -> tuple[str, ...]:
@@ -662,6 +676,14 @@ def to_si(found: Channels, gain: Gain, declared: Any = None) -> Channels:
             quantum *= abs(factor)
         if si:
             units[role] = si
+    if found.current and not {"u"} & {*units, *scaling.gain}:
+        units["u"] = "A"
+        notes.append(f"u is in A: {found.current!r} is a current")
+        warn(
+            f"{found.where}: {found.current!r} is a current, not a force, and is taken in amperes: "
+            "give what one makes, gain=dfc.Scaling(torque_constant=...) [N m/A] or "
+            'force_constant= [N/A], or state another unit, units={"u": "..."}'
+        )
     if (r := units.pop("reference", "")) and "x" in units and r != units["x"]:
         raise ValueError(
             f"{found.where}: reference is in {r} but x in {units['x']}; they must agree, "

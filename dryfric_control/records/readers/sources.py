@@ -159,7 +159,8 @@ def _select_columns(
     elif listed:
         notes += channels.left_out(headings, chosen)
     notes += channels.guess_notes(known, chosen, wanted)
-    return replace(start, values=values, units=units, notes=notes)
+    current = channels.current_heading(known, chosen)
+    return replace(start, values=values, units=units, notes=notes, current=current)
 
 
 def _emps_gain(
@@ -203,7 +204,8 @@ def _select_log_channels(log: LogFile, start: Channels, wanted: Wanted) -> Chann
     values = {role: one.values for role, one in found.items()}
     notes = start.notes + channels.left_out(headings, chosen)
     notes += channels.guess_notes(headings, chosen, wanted)
-    return replace(start, values=values, units=units, notes=notes, clocks=clocks)
+    current = channels.current_heading(headings, chosen)
+    return replace(start, values=values, units=units, notes=notes, clocks=clocks, current=current)
 
 
 def _common_time(log: LogFile, heading: str, found: dict[str, Channel], where: str) -> Any:

@@ -129,7 +129,10 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
         values["t"], units["t"] = _over_midnight(values["t"]), "ns"
     if clocks:
         units["t"] = "" if epoch_of(values.pop("t")) else units["t"]
-    start = replace(start, values=values, units=units, clocks=clocks, lacking=text.lacking)
+    start = replace(
+        start, values=values, units=units, clocks=clocks, lacking=text.lacking,
+        current=channels.current_heading(text.headings, text.chosen),
+    )  # fmt: skip
     if own := _own_notes(text):
         return replace(start, **own)
     notes = channels.left_out(text.headings, text.chosen) + text.factors

@@ -238,7 +238,7 @@ def test_roles_that_no_column_has_are_told_at_once(tmp_path, headings, line):
         same(eval(f"dfc.read_record(path, {line})"))
     # The numbers of the rows are no time.
     path = write(tmp_path, "row,u,x\n" + text(np.arange(N), U, X))
-    with pytest.raises(ValueError, match=r"rate=\.\.\.\)$"):
+    with pytest.raises(ValueError, match=r"run.csv\", rate=\.\.\.\)$"):
         dfc.read_record(path)
 
 

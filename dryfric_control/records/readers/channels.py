@@ -282,22 +282,29 @@ def assign_columns(
     for role in NAMES:
         if role in columns:
             continue
-        found = _usual_columns(role, headings, names, chosen, timed)
-        if role == "t" and not found and timed is not False:
-            free = [k for k in clues.dates if k not in chosen.values()]
-            found = [k for k in free if not _has_meaning(names[k])]
+        found = _usual_columns(role, headings, names, chosen, timed, clues)
         if len(found) > 1 and role in ROLES[:3]:
             raise _ambiguity_error(role, found, headings, names, where)
         if found:
             chosen[role] = found[0]
     _check_roles(chosen, "u" not in columns, timed, headings, where, clues)
-    unseen = [headings[k] for k in clues.dates if k not in chosen.values()]
-    if timed is False and unseen and not {"t"} & {*chosen, *columns}:
-        warn(
-            f"{where}: with rate= the dates of {unseen[0]!r} are left out, so that lost rows "
-            "cannot be seen: leave rate= out, or, if there are none, say columns={'t': None}"
-        )
+    if timed is False and not {"t"} & {*chosen, *columns}:
+        _warn_of_unseen(_without_role(clues.dates, chosen), headings, where)
     return chosen
+
+
+def _warn_of_unseen(dates: list[int], headings: list[str], where: str) -> None:
+    """Tell of dates that a rate takes the place of."""
+    if dates:
+        warn(
+            f"{where}: with rate= the dates of {headings[dates[0]]!r} are left out, so that lost "
+            "rows cannot be seen: leave rate= out, or, if there are none, say columns={'t': None}"
+        )
+
+
+def _without_role(found: tuple[int, ...], chosen: Mapping[str, int]) -> list[int]:
+    """Of some columns those that play no role."""
+    return [k for k in found if k not in chosen.values()]
 
 
 def _column_names(headings: list[str], joint: str | int | None, where: str) -> list[str]:
@@ -328,16 +335,19 @@ def _check_roles(
 
 
 def _usual_columns(
-    role: str, headings: list[str], names: list[str], chosen: dict[str, int], timed: bool | None
-) -> list[int]:
-    """Columns that may play a role by their names, or by their units where one must play it."""
+    role: str, headings: list[str], names: list[str], chosen: dict[str, int], timed: bool | None,
+    clues: Clues,
+) -> list[int]:  # fmt: skip
+    """Columns that may play a role by name, or by dates or units where one must play it."""
     found = _in_best_unit(role, _same_joint(role, names, chosen), headings)
     if role not in ROLES[:3]:  # only what is beyond doubt, by name and unit
         sure = [k for k in found if k not in chosen.values()]
         sure = [k for k in sure if _fits(role, split_header(headings[k])[1])]
         return sure if len(found) == 1 else []
     if not found and _may_be_guessed(role, timed, names):
-        return _columns_by_unit(role, headings, set(chosen.values()))
+        dates = _without_role(clues.dates if role == "t" else (), chosen)
+        found = [k for k in dates if not _has_meaning(names[k])]
+        return found or _columns_by_unit(role, headings, set(chosen.values()))
     return found
 
 
@@ -425,28 +435,8 @@ def _missing_roles_error(
     clues: Clues,
 ) -> RefusalError:
     """The error for roles that no column is recognised to play, and what to give for none."""
-    taken = set(chosen.values())
-    own = {k: h.strip() for k, h in enumerate(headings) if k not in taken and h.strip()}
-    columns: dict[str, Any] = {}
-    for role in missing:
-        likely = [h for h in own.values() if _suits_role(role, h)]
-        columns[role] = likely[0] if likely else ...
-    rising = [k for k in clues.rising if k in own and not _has_meaning(split_header(own[k])[0])]
-    order = ""
-    if {*columns.values()} == {...} and 1 < len(missing) == len(headings) == len({*headings}):
-        # As where there are no headings, if the first may be a time.
-        if "t" not in missing or clues.rising[:1] == (0,):
-            columns = {role: h.strip() for role, h in zip(missing, headings, strict=True)}
-            order = ", in this order as the line takes them"
-    mend: dict[str, Any] = {"columns": columns}
-    if columns.get("t") is ...:
-        if len(rising) == 1:
-            columns["t"] = own[rising[0]]
-        else:
-            del columns["t"]
-            mend["rate"] = ...
-    if columns.get("u") is ... and all(_is_other_channel(split_header(h)[0]) for h in own.values()):
-        columns["u"] = None
+    mend = _proposed_columns(missing, headings, chosen, clues)
+    ordered = [*mend.get("columns", {}).values()] == headings
     asked = ", ".join(f'"{role}": ...' for role in missing)
     which = "which it is"
     ways = [f"give {none} if there is none" for none in missing.values()]
@@ -455,11 +445,42 @@ def _missing_roles_error(
         ways = [f"give {none} if there is no {role}" for role, none in missing.items()]
     return RefusalError(
         f"{where}: no column recognised as {', '.join(missing)}; "
-        f"available: {_list_headings(headings)}{order}. "
-        f"Say {which}: columns={{{asked}}}, or {', '.join(ways)}"
+        f"available: {_list_headings(headings)}"
+        + ", in this order as the line takes them" * ordered
+        + f". Say {which}: columns={{{asked}}}, or {', '.join(ways)}"
         + page_reference("howto/read_csv"),
         **mend,
     )
+
+
+def _proposed_columns(
+    missing: Mapping[str, str], headings: list[str], chosen: Mapping[str, int], clues: Clues
+) -> dict[str, Any]:
+    """Arguments that say what plays the missing roles, as far as headings and clues show it."""
+    own = {k: headings[k].strip() for k in _without_role((*range(len(headings)),), chosen)}
+    columns: dict[str, Any] = {}
+    for role in missing:
+        columns[role] = next((h for h in own.values() if _suits_role(role, h)), ...)
+    alone = {*columns.values()} == {...} and 1 < len(missing) == len(headings) == len({*headings})
+    if alone and ("t" not in missing or clues.rising[:1] == (0,)):
+        # As where there are no headings, if the first may be a time.
+        return {"columns": dict(zip(missing, headings, strict=True))}
+    mend: dict[str, Any] = {"columns": columns}
+    others = (_is_other_channel(split_header(h)[0]) for h in own.values() if h)
+    if columns.get("u") is ... and all(others):
+        columns["u"] = None
+    if columns.get("t") is ...:
+        rising = [
+            k
+            for k in _without_role(clues.rising, chosen)
+            if not _has_meaning(split_header(own[k])[0])
+        ]
+        if len(rising) == 1:
+            columns["t"] = own[rising[0]]
+        else:
+            del columns["t"]
+            mend = {"columns": columns, "rate": ...} if columns else {"rate": ...}
+    return mend
 
 
 def _is_other_channel(name: str) -> bool:

@@ -137,7 +137,7 @@ def _select_columns(
     known = [""] * len(headings) if unnamed else headings
     if isinstance(table, LogFile):
         return _select_log_channels(table, start, wanted)
-    chosen = channels.assign_columns(known, wanted, start.where, _clues(table))
+    chosen = channels.assign_columns(known, wanted, start.where, _clock_clues(table))
     _drop_unusable(chosen, table, headings, named)
     values = {role: table[headings[k]] for role, k in chosen.items()}
     units = {role: channels.split_header(headings[k])[1] for role, k in chosen.items()}
@@ -290,7 +290,7 @@ def _unsupported_text(path: Path) -> str:
     )
 
 
-def _clues(table: Mapping[str, Any]) -> Clues:
+def _clock_clues(table: Mapping[str, Any]) -> Clues:
     """What the columns of a table show of clocks; those that are no arrays are told later."""
     arrays = {}
     for k, values in enumerate(table.values()):

@@ -287,12 +287,12 @@ def _lay_out(text: _Text, chunk: _Lines) -> int:
         start = _with_headings(text, chunk, rows, first)
         _check_column_count(text)
     _choose_columns(
-        text, clocks, _clues([row for row in rows[start:] if len(row) == len(text.headings)])
+        text, clocks, _clock_clues([row for row in rows[start:] if len(row) == len(text.headings)])
     )
     return start
 
 
-def _clues(rows: list[list[str]]) -> Clues:
+def _clock_clues(rows: list[list[str]]) -> Clues:
     """What the first rows of numbers show of clocks."""
 
     def is_date(cell: str) -> bool:

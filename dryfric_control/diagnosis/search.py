@@ -288,6 +288,14 @@ class Search:
             break
         return now if self.net_evidence(now, top) > -EQUAL_EVIDENCE else top
 
+    def has_begun_at(self, nominal: Solution) -> bool:
+        """Whether a search from a nominal model would be this one: the same inputs, as likely."""
+        known = self._rounds.get(frozenset())
+        if known is None or known[0].cost > nominal.cost + FIT_SLACK:
+            return False
+        runs = zip(self.problem.runs, nominal.problem.runs, strict=True)
+        return all(one.u is other.u for one, other in runs)
+
     def _kept_before(self, key: frozenset[str]) -> bool:
         """Whether an exchange in a set of causes was decided against with other inputs."""
         return self.before is not None and key in self.before.kept
@@ -376,7 +384,9 @@ class Search:
             looks.begin_with(*known)
         tried = self._open(key, _filter_proposals(among, self._proposals(now, grams)))
         looks.fit(tried)
-        if self._memory_wanted(now, grams, looks, other, among):
+        shown = self._memory_shows(now, grams, looks, other, among)
+        hidden = not shown and self._memory_may_hide(now, looks, other, among)
+        if shown or hidden:
             for gram in grams:
                 gram.simulate()
             shapes = self._open(key, _filter_proposals(among, self._proposals(now, grams)))
@@ -388,7 +398,7 @@ class Search:
         self._among[key] = {*among}
         if self.view is not None:
             looks.translate(self.view)
-        rows = looks.rows
+        rows = [r for r in looks.rows if not (hidden and self._stays_muted(r))]
         good = {frozenset(r.names) for r in looks.good}
         self.idle.setdefault(key, set()).update({frozenset(p.names) for p in tried} - good)
         if not now.causes:
@@ -397,6 +407,11 @@ class Search:
             self.first = self.first | gains
         self._rounds[key] = now.fit, rows
         return rows
+
+    def _stays_muted(self, row: FittedProposal) -> bool:
+        """Whether a cause with a memory leaves a random force as large as the friction."""
+        remembers = any(effect_class(n).remembers for n in row.names)
+        return remembers and self.problem.is_muted(row.fit)
 
     def _is_known_round(self, now: Model, explained: bool, among: Collection[str]) -> bool:
         """Whether a round beside a model was made; where `explained`, one without memory does."""
@@ -412,7 +427,7 @@ class Search:
         idle = self.before.idle.get(key, ()) if self.before is not None else ()
         return [one for one in some if frozenset(one.names) not in idle]
 
-    def _memory_wanted(
+    def _memory_shows(
         self,
         now: Model,
         grams: Sequence[Gram],
@@ -420,27 +435,47 @@ class Search:
         other: Solution | None,
         among: Collection[str],
     ) -> bool:
-        """Whether shapes with a memory, which take passes of the filter, are tried in a round.
+        """Whether the record shows that shapes with a memory, which take passes, may explain it.
 
         Where friction builds up after reversals, or single readings are far off, and no
         explanation leaves nothing; beside or in the place of another cause, only where the former
-        is the first thing to be seen.  A random force that mutes every explanation may hide them.
+        is the first thing to be seen.
         """
-        if among and not any(effect_class(n).remembers for n in among):
+        if not self._memory_is_open(now, looks, other, among):
             return False
-        fits = [now.fit, *(r.fit for r in looks.good)]
-        if other is not None:
-            fits.append(other)
-        if not all(self.problem.left(fit) >= MIN_EVIDENCE for fit in fits):
-            return False
-        if all(self.problem.is_muted(fit) for fit in fits):
-            return True
         last = MAX_CAUSES if other is None and not looks.good else 1
         return (
             self._after_reversal(now, grams) < last
             or (last > 1 and self.problem.outliers(now.fit) > STRONG_EVIDENCE)
             or self.problem.is_imposed  # where a shape takes no pass of the filter
         )
+
+    def _memory_may_hide(
+        self, now: Model, looks: ProposalFits, other: Solution | None, among: Collection[str]
+    ) -> bool:
+        """Whether a first cause with a memory may hide behind a random force.
+
+        Where that is as large as the friction and mutes every explanation.  The cause ends it; one
+        beside which it stays is none.
+        """
+        return (
+            not now.causes
+            and self._memory_is_open(now, looks, other, among)
+            and all(map(self.problem.is_muted, self._explanations(now, looks, other)))
+        )
+
+    def _memory_is_open(
+        self, now: Model, looks: ProposalFits, other: Solution | None, among: Collection[str]
+    ) -> bool:
+        """Whether effects with a memory may be proposed, and no explanation leaves nothing."""
+        if among and not any(effect_class(n).remembers for n in among):
+            return False
+        fits = self._explanations(now, looks, other)
+        return all(self.problem.left(fit) >= MIN_EVIDENCE for fit in fits)
+
+    @staticmethod
+    def _explanations(now: Model, looks: ProposalFits, other: Solution | None) -> list[Solution]:
+        return [now.fit, *(r.fit for r in looks.good), *(() if other is None else (other,))]
 
     def _after_reversal(self, now: Model, grams: Sequence[Gram]) -> int:
         """Place at which friction after reversals joins a model.

@@ -65,7 +65,7 @@ def test_without_it_the_friction_is_that_of_each_joint(nominal, errors, fits):
         assert found.parameters["coulomb"] == pytest.approx(level, rel=0.01)
         assert found.parameters["viscous"] == pytest.approx(viscous, rel=0.01)
         assert found.parameters["mass"] == pytest.approx(axis.mass, rel=0.01)
-    assert "coupling of the model" in record.notes[-1]
+        assert "coupling of the model" in record.notes[-1]
 
 
 def test_the_rotors_of_the_model_are_written_as_they_are(nominal, errors, fits, tmp_path):

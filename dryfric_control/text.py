@@ -56,6 +56,11 @@ def percent(share: float, sign: str = "") -> str:
     return f"{value:{sign}.0f} %" if abs(value) >= 10.0 else f"{value:{sign}.2g} %"
 
 
+def percent_of_drive(force: float, drive: float) -> str:
+    """A force in per cent of the drive; in words where there is none."""
+    return f"{percent(force / drive)} of the drive" if drive > 0.0 else "with no drive"
+
+
 # Units that take a prefix, alone or at the head of a product.
 _WITH_PREFIX = ("m", "rad", "deg", "N", "s", "A", "V", "W", "J", "Hz")
 

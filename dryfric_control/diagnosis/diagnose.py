@@ -66,6 +66,7 @@ from dryfric_control.model.effects.forces import TimePeriodic
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.progress import ProgressLine
 from dryfric_control.records.bad_readings import REASONS
+from dryfric_control.records.motion import is_undriven
 from dryfric_control.records.read import RecordLike
 from dryfric_control.records.record import Record, counts_text
 from dryfric_control.records.record_arguments import HOW_TO_GIVE, axis_first
@@ -97,6 +98,10 @@ _RATIOS = (
     "the record fixes mass, friction and all forces only as ratios to the gain of the drive, "
     "which keeps its nominal value: the errors include a factor of 1.4 for it; if the gain or "
     'the mass is known, say so: known=("mass",)'
+)
+_UNDRIVEN = (
+    "no drive acts in the record: its motion shows friction and forces only as ratios to the mass, "
+    "which keeps its nominal value"
 )
 _IMPOSSIBLE_MASS = (
     "the mass ended at a bound, {:.2g} times its nominal value, to make up for what is missing, so "
@@ -139,7 +144,7 @@ def diagnose(
         The nominal axis.
     record : Record or path-like, or a sequence of them
         The measured record: time, drive force, position, or the path of its file.  Several
-        records of one machine share their causes.
+        records of one machine share their causes.  Without a drive (u = 0) the mass is held.
     known : sequence of str, optional
         Parameters whose nominal values are right, such as ``("mass",)``; those of an effect
         that the nominal axis has not, such as "input_gain.gain", if it is none.
@@ -238,6 +243,8 @@ def diagnose(
     several = isinstance(record, (list, tuple))
     records = list(checked_records(record))
     loads = checked_load_errors(load_errors, records)
+    if all(map(is_undriven, records)) and "mass" not in {*known, *tolerance}:
+        known = (*known, "mass")
     window = _window(axis, records) if window is None else window
     windows = []
     for i, one in enumerate(records):
@@ -486,6 +493,8 @@ class _Answer:
             found.append(_MUTED)
         if problem.scale_open:
             found.append(_RATIOS)
+        if all(map(is_undriven, self.records)):
+            found.append(_UNDRIVEN)
         if problem.is_imposed:
             found += [_IMPOSED] + [_ONE_VELOCITY] * problem.steady
         pairs = zip(self.recorded, problem.runs, strict=True)
@@ -689,6 +698,8 @@ def _experiment(
     record: Record,
 ) -> Experiment | None:
     """The experiment that separates the first doubtful cause from its alternatives."""
+    if not record.u.any():
+        return None  # what the drive of the bench can do is not known
     doubtful = next((n for n in model.causes if rivals.get(n)), None)
     if doubtful is None:
         other = equivalent_axis(final.axis, problem.believed, causes)

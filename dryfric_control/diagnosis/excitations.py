@@ -73,6 +73,11 @@ class Limits:
         -------
         Limits
         """
+        if not record.u.any():
+            raise ValueError(
+                "limits: the record has no drive that shows the largest one: give "
+                "limits=dfc.diagnosis.Limits(travel=..., drive=..., speed=...)"
+            )
         return cls(
             axis.travel or (float(record.x.min()), float(record.x.max())),
             float(np.abs(record.u).max()),

@@ -129,10 +129,12 @@ class ForceView(ModelView):
         """Delay [s] and limit [N] with which the drive gives the force of the motion.
 
         Zero and infinity where they do not halve what is left, or leave more than a fifth of the
-        force: what mutes the drive leaves all of it.  The delay is that of a curve
-        h(u(t - d)), piecewise linear: a gain, a limit and a dead zone are shapes of it, so none of
-        them hides a delay.
+        force: what mutes the drive leaves all of it; and where there is no drive.  The delay is
+        that of a curve h(u(t - d)), piecewise linear: a gain, a limit and a dead zone are shapes of
+        it, so none of them hides a delay.
         """
+        if not self.u.any():
+            return 0.0, math.inf
         none = np.zeros(self.u.size)
         needed = self._smooth_forces([self._missing(self.axis, none)])[:, 0]
         longest = min(_LATEST * self.duration / self.dt, 0.05 * self.x.size)

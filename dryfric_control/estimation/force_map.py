@@ -19,7 +19,7 @@ from dryfric_control.estimation.smoothed_motion import (
 )
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
-from dryfric_control.text import Result, documented, percent, stated
+from dryfric_control.text import Result, documented, percent, percent_of_drive, stated
 from dryfric_control.units import check_units
 
 # Number of bins of a curve.
@@ -99,7 +99,7 @@ class ForceMap(Result):
         force = self.units[1]
         return [
             f"force missing in the model: {self.rms:.3g} {force} RMS, "
-            f"{percent(self.rms / max(self.drive_rms, 1e-300))} of the drive",
+            f"{percent_of_drive(self.rms, self.drive_rms)}",
             f"from {percent(self.share_sliding)} of the samples: rest and reversals are left out",
         ]
 

@@ -14,7 +14,7 @@ from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.data_check import speed_message
-from dryfric_control.records.motion import fast_speed
+from dryfric_control.records.motion import fast_speed, is_undriven
 from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
 from dryfric_control.result_table import Quantity, format_table
@@ -94,7 +94,8 @@ def axis_from(record: RecordLike) -> FrictionAxis:
     Raises
     ------
     ValueError
-        If the record hardly moves, its drive has the wrong sign, or its units are not of one axis.
+        If the record hardly moves, no drive acts in it or one of the wrong sign, or its units are
+        not of one axis.
 
     Warns
     -----
@@ -138,7 +139,7 @@ def force_regression(record: RecordLike) -> ForceRegression:
     Raises
     ------
     ValueError
-        If the record hardly moves, or its drive has the wrong sign.
+        If the record hardly moves, or no drive acts in it or one of the wrong sign.
 
     Examples
     --------
@@ -148,6 +149,12 @@ def force_regression(record: RecordLike) -> ForceRegression:
     (2.4, 0.007)
     """
     record = as_record(record)
+    if is_undriven(record):
+        raise ValueError(
+            "record: neither a drive nor a load acts (u = 0), so the motion shows friction only as "
+            "ratios to the mass: give dfc.FrictionAxis(mass=..., viscous=..., coulomb=...) with "
+            "the mass that you know, from which diagnose(axis, record) finds the friction"
+        )
     length = record.units.get("x")
     force = record.units.get("u")
     if (length, force) in (("m", "N m"), ("rad", "N")):

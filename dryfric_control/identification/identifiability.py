@@ -10,7 +10,7 @@ from dryfric_control.arrays import Bools, Floats
 from dryfric_control.estimation.parameters import Parameter
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of
-from dryfric_control.records.motion import directions, usual_speeds
+from dryfric_control.records.motion import directions, is_undriven, usual_speeds
 from dryfric_control.records.record import Record
 from dryfric_control.text import page_reference, percent
 from dryfric_control.ties import samples
@@ -160,6 +160,8 @@ def _low_sensitivity_reason(
     """Why a parameter has little effect in the records."""
     axis = axis.effective()
     name = parameter.name
+    if all(map(is_undriven, records)) and name.startswith(("mass", "viscous", "coulomb")):
+        return 'no drive acts, so forces show only as ratios to the mass: hold it, known=("mass",)'
     force = np.sqrt(np.mean(np.concatenate([r.u for r in records]) ** 2))
     speed = np.concatenate([r.derivatives().v for r in records])
     way = np.concatenate([directions(r) for r in records])

@@ -8,7 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dryfric_control.records.bad_readings import FILLED, REASONS, held_for
-from dryfric_control.records.motion import ONE_VELOCITY, Record, directions, reversals, usual_speeds
+from dryfric_control.records.motion import (
+    ONE_VELOCITY,
+    Record,
+    directions,
+    is_undriven,
+    reversals,
+    usual_speeds,
+)
 from dryfric_control.records.staircase import find_staircase
 from dryfric_control.text import Result, documented, length_text, stated
 from dryfric_control.units import usual_units
@@ -208,7 +215,7 @@ def check_record(record: Record, units: tuple[str, str], told: Sequence[str] = (
 
 def _messages(found: RecordCheck, record: Record) -> Iterator[str]:
     """What a user has to know before a fit."""
-    if not record.u.any():
+    if is_undriven(record):
         yield "no drive: only ratios to the mass can be determined; give it as known"
     if found.units[1] == "A":
         yield (

@@ -32,6 +32,11 @@ def least_motion(record: Record) -> float:
     return float(max(steps, noise, NEAR * record.range))
 
 
+def is_undriven(record: Record) -> bool:
+    """Whether no known force acts: the motion then fixes all forces only as ratios to the mass."""
+    return not record.net_input.any()
+
+
 def usual_speeds(v: Floats) -> tuple[float, float]:
     """Smallest and largest absolute velocity in 90 % of some motion."""
     slow, fast = np.quantile(np.abs(v), (0.05, 0.95)) if v.size else (0.0, 0.0)

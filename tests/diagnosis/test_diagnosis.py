@@ -49,6 +49,20 @@ def test_a_record_without_motion_is_refused():
         dfc.diagnose(AXIS, still)
 
 
+def test_friction_is_diagnosed_from_a_coast_down_for_the_mass_that_is_known():
+    machine = AXIS.replace(viscous=20.0, coulomb=6.0)
+    x = 1e-6 * np.round(1e6 * machine.simulate(np.zeros(3000), dt=1e-3, v0=4.0).y[0])
+    record = dfc.Record(1e-3 * np.arange(3000), None, x)
+    d = dfc.diagnose(AXIS, record, jobs=1)
+    assert d.verdict == "explained" and {*causes(d)} == {"viscous", "coulomb"}
+    assert d.extended.mass == AXIS.mass and "ratios to the mass" in d.messages[0]
+    # Of a record that a micrometre resolves in a thousand steps.
+    assert d.extended.viscous == pytest.approx(20.0, rel=1e-3)
+    assert d.extended.coulomb.mean == pytest.approx(6.0, rel=1e-3)
+    with pytest.raises(ValueError, match="no drive that shows the largest.*limits="):
+        dfc.next_experiment(AXIS, [machine], record)
+
+
 def test_readings_that_were_left_out_are_listed_and_told():
     sound = driven(AXIS, 6.0)
     x = sound.x.copy()

@@ -69,6 +69,12 @@ def test_spread_is_the_adjoint_of_smoothed():
     )
 
 
+def test_what_is_missing_is_no_part_of_a_drive_of_zero():
+    x = AXIS.simulate(np.zeros(3000), dt=DT, v0=3.0).y[0]
+    free = dfc.Record(DT * np.arange(3000), None, 1e-6 * np.round(1e6 * x))
+    assert "N RMS, with no drive\n" in str(free.force_map(AXIS.replace(coulomb=6.0)))
+
+
 def test_figures_have_units():
     found = driven(AXIS).force_map(AXIS)
     labels = [ax.get_xlabel() for ax in found.plot().axes.ravel()]

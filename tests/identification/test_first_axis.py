@@ -75,6 +75,14 @@ def test_a_torque_that_moves_metres_is_refused_with_what_is_missing():
         dfc.axis_from(record_of(FORCE, units={"x": "m", "u": "N m"}))
 
 
+def test_without_a_drive_no_mass_is_made_up():
+    with pytest.raises(ValueError, match=r"u = 0.*ratios to the mass.*FrictionAxis\(mass="):
+        dfc.axis_from(record_of(np.zeros(T.size)))
+    # A known force will do; the kernel, of no drive, is then the widest, which costs 5 %.
+    pulled = record_of(np.zeros(T.size), load=record_of(FORCE).u)
+    assert dfc.axis_from(pulled).mass == pytest.approx(2.0, rel=0.1)
+
+
 def test_a_first_axis_prints_with_its_units():
     printed = str(dfc.axis_from(record_of(FORCE))).splitlines()
     assert re.fullmatch(r"  mass [\d.]{3,7} kg", printed[1]) and "  Coulomb + 7.99946 N" in printed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -87,13 +88,41 @@ class DriveRegression:
     @property
     def has_opposed_drive(self) -> bool:
         """Whether the drive acts against the acceleration or along friction."""
-        ratios = self.values / np.maximum(self.errors, 1e-300)
-        return bool(ratios[0] < -_CLEAR or (self.both_ways and ratios[2] < -_CLEAR))
+        mass, level = self._ratios[[0, 2]]
+        return bool(mass < -_CLEAR or (self.both_ways and level < -_CLEAR))
+
+    @property
+    def _ratios(self) -> Floats:
+        """Values over their standard errors."""
+        return np.asarray(self.values / np.maximum(self.errors, 1e-300))
 
     @property
     def has_driving_sign(self) -> bool:
         """Whether the drive acts along the acceleration or against friction."""
         return any(self.is_sure(i, 1.0 / _CLEAR) for i in (0, 2))
+
+    @cached_property
+    def exchange(self) -> str:
+        """What makes an exchange of drive and position certain; empty where it is not.
+
+        That a drive and a motion show mass and friction depends on no unit or sign of the two.
+        """
+        if self.has_driving_sign or self.has_opposed_drive:
+            return ""
+        try:
+            with warnings.catch_warnings(action="ignore"):
+                other = Record(self.record.t, self.record.x, self.record.u)
+                shown = DriveRegression.from_record(other)
+        except ValueError:  # what would be the position does not move
+            return ""
+        mass, level = shown._ratios[[0, 2]]
+        if not (shown.both_ways and mass * level > 0.0 and min(abs(mass), abs(level)) > _CLEAR):
+            return ""
+        return (
+            "u and x look exchanged: as drive and position they show neither mass nor friction, "
+            'the other way round both: give columns={"u": ..., "x": ...} as the file is read, or '
+            "dfc.Record(t, u, x) the drive first"
+        )
 
 
 def _regression(
@@ -105,15 +134,19 @@ def _regression(
     middle = motion.x - float(np.mean(motion.x[motion.places]))
     columns = [motion.a, motion.v * viscous, motion.direction, np.ones_like(u), middle, u]
     rows = motion.smooth_columns(np.stack(columns, axis=1))
-    size = np.maximum(np.abs(rows[:, :5]).max(axis=0), 1e-300)
-    terms = rows[:, :5] / size
+    size = np.abs(rows[:, :5]).max(axis=0)
+    there = size > 0.0  # what is left out is zero, and so is its error
+    terms = rows[:, :5][:, there] / size[there]
     drive = rows[:, 5]
     found = np.linalg.lstsq(terms, drive, rcond=None)[0]
     left = drive - terms @ found
     degrees = max(left.size - found.size, 1)
     variance = float(left @ left) / degrees * _correlation_time(left)
-    errors = np.sqrt(variance * np.sum(np.linalg.pinv(terms) ** 2, axis=1))
-    return found / size, errors / size, float(np.sqrt(np.mean(left**2)))
+    values = np.zeros((2, 5))
+    values[0, there] = found / size[there]
+    spreads = variance * np.sum(np.linalg.pinv(terms) ** 2, axis=1)
+    values[1, there] = np.sqrt(spreads) / size[there]
+    return values[0], values[1], float(np.sqrt(np.mean(left**2)))
 
 
 def _correlation_time(left: Floats) -> float:

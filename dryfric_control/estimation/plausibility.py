@@ -146,6 +146,8 @@ def record_doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -
     if strongest == 0.0:
         return found  # something else moves it: nothing is known of the drive
     shown = _drive_regression(record)
+    if shown is not None and shown.exchange:
+        return [*found, Doubt(shown.exchange, shown.exchange)]
     energy = energy_message(record, axis.units)
     if energy:
         found.append(Doubt(energy, _wrong_sign(axis, shown)))

@@ -165,6 +165,8 @@ def force_regression(record: RecordLike) -> ForceRegression:
             + page_reference("howto/read_csv")
         )
     found = DriveRegression.from_record(record)
+    if found.exchange:
+        raise ValueError(f"record: {found.exchange}" + page_reference("troubleshooting"))
     messages = []
     if not found.errors[2] < _HARDLY * found.values[2]:
         found = found.without_viscous()
@@ -180,6 +182,13 @@ def force_regression(record: RecordLike) -> ForceRegression:
         raise ValueError(
             "record: the drive acts against the acceleration and along friction, as with the wrong "
             "sign: read_record(..., gain=-1) turns the drive, gain={'x': -1.0} the position"
+        )
+    if not np.any(errors[:3] < _HARDLY * values[:3]):
+        shown = ", ".join(f"{k} {v:.3g} +- {deviations[k]:.2g}" for k, v in parameters.items())
+        raise ValueError(
+            f"record: the drive shows neither mass nor friction ({shown}), so there is no axis to "
+            "begin with: check columns and units, and that u is the force that acted"
+            + page_reference("troubleshooting")
         )
     if (fast := speed_message(record)) is not None:
         messages.append(fast)

@@ -42,8 +42,22 @@ def test_what_cannot_be_of_this_axis_is_told(u, x, words):
 
 
 def test_swapped_columns_are_told():
-    with pytest.warns(dfc.RecordWarning, match="swapped"):
+    with pytest.warns(dfc.RecordWarning, match="exchanged"):
         warn_if_implausible(AXIS.replace(travel=None, coulomb=0.1), dfc.Record(T, X, U))
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e3, -1e3, 1e-4])
+def test_swapped_columns_stop_in_any_unit_and_sign(scale):
+    """What a motion shows of mass and friction depends on neither."""
+    u = 20.0 * np.sin(6.0 * T) + 12.0 * np.sin(17.0 * T + 1.0)
+    x = 1e-6 * np.round(1e6 * AXIS.simulate(u, dt=1e-3).y[0])
+    swapped = dfc.Record(T, scale * x, u)
+    for find in (dfc.axis_from, lambda r: dfc.diagnose(AXIS.replace(travel=None), r)):
+        with pytest.raises(
+            ValueError, match='exchanged.*columns={"u"|exchanged.*drive as record.u'
+        ):
+            find(swapped)
+    assert not record_doubts(AXIS, dfc.Record(T, u, x))
 
 
 def test_a_motion_far_beyond_its_drive_is_told():

@@ -69,6 +69,18 @@ def test_what_the_record_does_not_say_is_told():
         dfc.axis_from(short)
 
 
+def test_a_drive_that_shows_no_machine_gives_no_axis():
+    rng = np.random.default_rng(1)
+    with pytest.raises(ValueError, match=r"neither mass nor friction \(mass .* check columns"):
+        dfc.axis_from(record_of(rng.standard_normal(T.size)))
+
+
+def test_what_is_left_out_of_the_regression_is_zero():
+    v = np.where(T < 4.0, 0.02, -0.02)
+    found = force_regression(record_of(8.0 * np.sign(v), 0.02 * (4.0 - np.abs(T - 4.0)), noise=0.1))
+    assert found.parameters["viscous"] == found.standard_errors["viscous"] == 0.0
+
+
 def test_a_torque_that_moves_metres_is_refused_with_what_is_missing():
     """A ball screw whose lead was forgotten is not taken for a rotary axis."""
     with pytest.raises(ValueError, match=r"'m' and u in 'N m'.*lead= or pinion_radius="):

@@ -512,7 +512,7 @@ class _Answer:
         """The random force that is left, if free runs show one."""
         left = self.found.left
         unit = self.problem.believed.units[1]
-        if left.significant or shows(self.problem, self.heard):
+        if left.significant or self.found.muted or shows(self.problem, self.heard):
             return remaining_force(self.heard, left.significant, left.where, unit)
         return Remaining(unit=unit)
 

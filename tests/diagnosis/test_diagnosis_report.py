@@ -293,6 +293,27 @@ def test_parts_of_a_diagnosis_show_themselves(found, nothing):
     assert found.unexplained.to_dict()["fraction"] == float(found.unexplained)
 
 
+def test_no_sentence_says_that_all_is_well_where_a_random_force_hides_it(nothing):
+    settled = "nothing, as long as it moves"
+    assert settled in nothing.details() and not nothing.is_muted
+    level = nothing.extended.coulomb.mean
+    loud = replace(nothing, verdict="unexplained", remaining=Remaining(5.0 * level))
+    text = " ".join(loud.details().split())
+    for one in (settled, "no structure found"):
+        assert one not in text and one not in words_of(page_of(loud))
+    said = (
+        f"a random force of {5.0 * level:.3g} N RMS hides what is left, 5 times the Coulomb level"
+    )
+    assert said in text and said in " ".join(str(loud).split())
+    assert loud.unexplained.where[0].startswith(said)
+    assert "nothing unexplained" not in repr(loud.unexplained)
+    steps = wording.next_steps(loud)
+    assert "check(d.axis)" in steps[0] and "load=" in steps[1]
+    # Nor where a warning says what is wrong.
+    changing = replace(nothing, verdict="unexplained", messages=("something changes",))
+    assert settled not in changing.details() and "warnings name" in changing.details()
+
+
 def test_a_short_rest_between_two_motions_the_same_way_leaves_no_residual():
     machine, record = moved(dfc.effects.Spring(stiffness=40.0, rest=0.05))
     rests = machine.simulate(record.u, dt=DT).events

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import BASE, holds
 from dryfric_control.diagnosis.remaining import Remaining
+from dryfric_control.diagnosis.thresholds import MAX_RANDOM_FORCE_RATIO
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, titles_of
@@ -146,7 +147,7 @@ class Unexplained(Result):
 
     def _summary_parts(self) -> list[str]:
         if not self.significant:
-            return ["nothing unexplained beyond noise"]
+            return [*self.where] or ["nothing unexplained beyond noise"]
         return [f"{percent(self.fraction)} of the error above noise is left", *self.where]
 
 
@@ -198,12 +199,36 @@ class Findings:
     )
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "causes", Causes(self.causes))
+        put = object.__setattr__
+        put(self, "causes", Causes(self.causes))
+        left = self.unexplained
+        if self.is_muted and not (left.significant or left.where):
+            put(self, "unexplained", replace(left, where=(self.random_force,)))
 
     @property
     def masked(self) -> Masks:
         """Readings that were left out: indices and reasons, one entry a record."""
         return Masks(record.masked for record in (self.record, *self.others))
+
+    @property
+    def is_muted(self) -> bool:
+        """Whether the random force left is too large, beside the friction, to explain anything."""
+        imposed = self.gain.unit == self.axis.units[1]
+        bound = MAX_RANDOM_FORCE_RATIO * self.extended.coulomb.mean
+        return not imposed and self.remaining.rms > bound
+
+    @property
+    def random_force(self) -> str:
+        """The random force that is left, beside friction and drive, in words."""
+        rms = self.remaining.rms
+        sizes = {
+            "Coulomb level": self.extended.coulomb.mean,
+            "drive": float(np.sqrt(np.mean(self.record.u**2))),
+        }
+        ratios = [f"{plain_number(rms / v)} times the {k}" for k, v in sizes.items() if v > 0.0]
+        unit = self.axis.units[1]
+        text = f"a random force of {rms:.3g} {unit} RMS hides what is left"
+        return rotary_words(f"{text}, {' and '.join(ratios)}" if ratios else text, unit)
 
     @property
     def small_corrections(self) -> Causes:

@@ -36,6 +36,8 @@ _FAR_OFF = 2.0
 # Most causes, and most warnings, of the brief answer.
 _BRIEF_CAUSES = 3
 _BRIEF_WARNINGS = 1
+# Verdicts that leave nothing to look for.
+_SETTLED = ("nothing to find", "explained")
 #: Directions of motion in words.
 WAYS = ((1, "forwards"), (-1, "backwards"))
 
@@ -51,13 +53,17 @@ def check_text(d: Findings) -> str:
     if d.main_causes:
         cause = d.main_causes[0]
         return f"{cause.title}: {cause.experiment[:1].lower()}{cause.experiment[1:]}"
+    if d.is_muted:
+        return "units, signs and clocks of the record, then what else pushes the axis."
     if d.unexplained.significant and d.unexplained.where:
         return f"what happens where the error is largest: {places_text(d)}."
     if d.unexplained.significant:
         return "the same motion again: the error is tied to no place, velocity or time."
     if d.causes or d.varies:
         return "the values above, against data sheets and a second record."
-    return "nothing, as long as it moves as in this record; other motions are not tested."
+    if d.verdict in _SETTLED:
+        return "nothing, as long as it moves as in this record; other motions are not tested."
+    return "what the warnings name: the record does not settle what is wrong."
 
 
 def levels(axis: FrictionAxis, x: Floats, direction: int) -> list[float]:
@@ -176,6 +182,15 @@ def next_steps(d: Findings) -> list[str]:
         steps.append("Use the nominal axis as it is, for motions like those in this record.")
     elif d.causes:
         steps.append("Use the axis with the causes instead of the nominal one, see below.")
+    if d.is_muted:
+        steps.append(
+            "Look at the record first, d.record.check(d.axis): its units, factors and signs, "
+            "whether u is the force that acted, and whether u and x have one clock."
+        )
+        steps.append(
+            "Find what else pushes the axis: keep it away, or record it as load=... and diagnose "
+            "again."
+        )
     if d.unexplained.significant:
         if d.unexplained.where:
             steps.append(f"See where the remaining error occurs: {places_text(d)}.")
@@ -301,6 +316,8 @@ def brief_lines(d: Findings) -> list[str]:
         rest = "causes or small corrections" if more > 1 else "cause or small correction"
         lines.append(f"and {more} more {rest}")
     lines.append(f"{gain_title(d)}: {gain_text(d)}")
+    if d.is_muted:
+        lines.append(d.random_force)
     if d.messages:
         count = len(d.messages)
         lines.append(f"{count} warning{'s' if count > 1 else ''}: see print(d.details())")
@@ -322,7 +339,7 @@ def further_lines(d: Findings) -> list[str]:
     """What is left, what the answer was compared with, and what varies, a line each."""
     lines = []
     if d.remaining.rms > 0.0:
-        lines.append(d.remaining.headline)
+        lines.append(d.random_force if d.is_muted else d.remaining.headline)
     if d.references:
         head = "gain of log-likelihood over references (positive: better than the reference)"
         gains = ", ".join(f"{name} {gain:+z.0f}" for name, gain in d.references.items())

@@ -1,7 +1,9 @@
 """Control of machines with dry friction, on top of python-control."""
 
 import sys
+from typing import TYPE_CHECKING
 
+from dryfric_control import arguments as _arguments
 from dryfric_control import datasets as datasets
 from dryfric_control import drawing as drawing
 from dryfric_control import observer as observer
@@ -60,6 +62,7 @@ from dryfric_control.records import Scaling as Scaling
 from dryfric_control.records import load_record as load_record
 from dryfric_control.records import read_bam as read_bam
 from dryfric_control.records import read_record as read_record
+from dryfric_control.records import record_arguments as _around_records
 from dryfric_control.simulators import to_mjcf as to_mjcf
 from dryfric_control.simulators import to_modelica as to_modelica
 from dryfric_control.simulators import to_simscape as to_simscape
@@ -69,10 +72,11 @@ from dryfric_control.store.axis_file import write_axis as write_axis
 from dryfric_control.store.batch import run_batch as run_batch
 
 load_design = ObserverDesign.load
+load_diagnosis = Diagnosis.load
 
 # Every name above is public: `X as X` says so to type checkers, and here it is said to `dir`, but
 # for those that are listed where they are at home: in `simulators`, or as a method of their class.
-_AT_HOME = ("load_design", "to_modelica", "to_simscape", "to_urdf")
+_AT_HOME = ("load_design", "load_diagnosis", "to_modelica", "to_simscape", "to_urdf")
 __all__ = [
     "__version__",
     "datasets",
@@ -87,6 +91,10 @@ __all__ += [
     name for name, one in globals().items() if hasattr(one, "__qualname__") and name not in _AT_HOME
 ]
 
+# Each says which argument is meant by a wrong one.
+_meant = {"Record": _around_records.record_meant, "record": _around_records.reading_meant}
+_arguments.tell_names(globals(), __all__, _meant)
+
 # Public namespaces: `from dryfric_control.effects import Cogging` reads them too.
 sys.modules[f"{__name__}.effects"] = effects
 sys.modules[f"{__name__}.laws"] = laws
@@ -95,3 +103,10 @@ sys.modules[f"{__name__}.laws"] = laws
 def __dir__() -> list[str]:
     """Public names alone, for tab completion."""
     return __all__
+
+
+if not TYPE_CHECKING:  # which would take every name for one of this package
+
+    def __getattr__(name: str) -> object:
+        """Say which name is meant by one that is not there."""
+        raise AttributeError(_arguments.unknown_name(__name__, name, __all__))

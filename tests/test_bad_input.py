@@ -399,7 +399,7 @@ rows(
     ("Record.from_irregular", dict(x=np.full(N, np.nan)), "remove"),
     ("Record.from_irregular", dict(x=np.where(T < 1.0, np.nan, X)), "too many", "rows"),
     ("Record.from_irregular", dict(good=[True]), "one for each reading", "good"),
-    ("Record.from_irregular", dict(colour="red"), "unexpected", None, TypeError),
+    ("Record.from_irregular", dict(colour="red"), "has no argument", None, TypeError),
     ("Record.split_at_gaps", dict(t=T[::-1]), "sort"),
     ("Record.split_at_gaps", dict(x=nan_at(X)), "remove"),
     ("Record.from_frame", dict(frame=Each([1, 2], X)), "data frame"),

@@ -96,7 +96,7 @@ def test_has_an_example_that_the_doctests_run(name):
     """`pytest --doctest-modules` runs them; here they must exist, with output to compare."""
     item = ITEMS[name]
     assert "\nExamples\n" in inspect.getdoc(item)
-    assert item.__module__.startswith("dryfric_control.")
+    assert inspect.unwrap(item).__module__.startswith("dryfric_control.")
     examples = doctest.DocTestParser().get_examples(inspect.getdoc(item))
     assert any(example.want for example in examples)
     assert not any(doctest.SKIP in example.options for example in examples)

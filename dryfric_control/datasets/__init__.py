@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from dryfric_control.arguments import unknown_name
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import BiasForce
 from dryfric_control.model.friction import CoulombMap
@@ -12,6 +14,12 @@ from dryfric_control.records import Record, read_record
 from dryfric_control.store.files import existing_file
 
 __all__ = ["belt_stage", "belt_stage_axis", "emps", "emps_axis"]
+
+if not TYPE_CHECKING:  # which would take every name for one of this module
+
+    def __getattr__(name: str) -> object:
+        """Say which name is meant by one that is not there."""
+        raise AttributeError(unknown_name(__name__, name, __all__))
 
 
 def belt_stage() -> Record:

@@ -16,6 +16,7 @@ from dryfric_control.model.effects.effect import REGISTRY
 from dryfric_control.model.effects.naming import class_of, named, put, with_named
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.record import Record
+from dryfric_control.text import did_you_mean
 from dryfric_control.units import powers
 
 #: Base parameters of the axis: their units.
@@ -56,7 +57,8 @@ def checked_knowledge(
                 argument == "known" and _is_of_effect(name)
             ):
                 raise ValueError(
-                    f"{argument}: {name!r} is no base parameter: choose from {', '.join(_BASES)}"
+                    f"{argument}: {name!r} is no base parameter{did_you_mean(name, _BASES)}; "
+                    f"choose from {', '.join(_BASES)}"
                 )
     names = tuple(SPELLINGS.get(n, n) for n in known)
     given = {SPELLINGS.get(n, n): positive(f"tolerance[{n!r}]", v) for n, v in tolerance.items()}
@@ -217,7 +219,8 @@ def _expand(axis: FrictionAxis, name: str, scales: Scales) -> tuple[FrictionAxis
     known = class_of(owner)
     if known is None:
         raise ValueError(
-            f"free: {name!r} is no parameter; choose from {', '.join(_BASE)}, coulomb_map, "
+            f"free: {name!r} is no parameter{did_you_mean(name, (*_BASE, *REGISTRY))}; choose from "
+            f"{', '.join(_BASE)}, coulomb_map, "
             f"coulomb_plus[i], coulomb_minus[i], {SHIFT}, or an effect: {', '.join(REGISTRY)}"
         )
     if part and part not in known.parameters():

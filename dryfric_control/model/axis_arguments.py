@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import wraps
 from typing import Any
 
-from dryfric_control.text import did_you_mean
+from dryfric_control.arguments import unknown_argument
 from dryfric_control.units import axis_units
 
 _ROTARY = ("rad", "N m")
@@ -40,14 +40,6 @@ _MEANT = {
 }
 
 
-def unknown_argument(name: str, known: Iterable[str]) -> str:
-    """Message for an argument that an axis does not have."""
-    known = (*known, "inertia")
-    meant = _MEANT.get(name.lower())
-    mend = f": give {meant}" if meant else did_you_mean(name, known)
-    return f"FrictionAxis has no argument {name!r}{mend or ', it has ' + ', '.join(known)}"
-
-
 def with_mass(given: dict[str, Any], units: object = _ROTARY) -> dict[str, Any]:
     """Arguments with the mass in place of an inertia; `units`: those of the axis by default."""
     if "inertia" not in given:
@@ -70,6 +62,7 @@ def with_mass(given: dict[str, Any], units: object = _ROTARY) -> dict[str, Any]:
 def with_inertia(cls: type[Any]) -> type[Any]:
     """Let the dataclass of an axis take `inertia`, and name the right argument for a wrong one."""
     make: Callable[..., None] = cls.__init__
+    own = cls.__name__
     known = tuple(cls.__dataclass_fields__)
 
     @wraps(make)
@@ -77,7 +70,8 @@ def with_inertia(cls: type[Any]) -> type[Any]:
         given = with_mass(given)
         for name in given:
             if name not in known:
-                raise TypeError(unknown_argument(name, known))
+                meant = _MEANT.get(name.lower(), "")
+                raise TypeError(unknown_argument(own, name, (*known, "inertia"), meant))
         if lacking := [name for name in _NEEDED[len(args) :] if name not in given]:
             raise TypeError(
                 f"FrictionAxis lacks {', '.join(f'{name}=' for name in lacking)}: give each, 0 for "
@@ -85,5 +79,6 @@ def with_inertia(cls: type[Any]) -> type[Any]:
             )
         make(self, *args, **given)
 
+    vars(init)["tells"] = True
     cls.__init__ = init
     return cls

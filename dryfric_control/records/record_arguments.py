@@ -9,9 +9,9 @@ from dataclasses import fields
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
+from dryfric_control.arguments import told
 from dryfric_control.records.record import Record
 from dryfric_control.records.scaling import Scaling
-from dryfric_control.text import did_you_mean
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -45,25 +45,32 @@ _MEANT = {
 
 def reading_arguments(read: Callable[P, R]) -> Callable[P, R]:
     """Let a reader of records name the right argument for a wrong one."""
-    known = tuple(inspect.signature(read).parameters)
 
-    @wraps(read)
-    def call_checked(*args: P.args, **given: P.kwargs) -> R:
-        for name in given:
-            if name not in known:
-                raise TypeError(_unknown_message(name, known))
-        return read(*args, **given)
+    def meant(name: str) -> str:
+        if name in {item.name for item in fields(Scaling)}:
+            return f"gain=dfc.Scaling({name}=...)"
+        return _MEANT.get(name, "")
 
-    return call_checked
+    _OF_READING.update(inspect.signature(read).parameters)
+    found: Callable[P, R] = told(read, meant=meant)
+    return found
 
 
-def _unknown_message(name: str, known: tuple[str, ...]) -> str:
-    """Message for an argument that `read_record` does not have."""
-    meant = _MEANT.get(name.lower())
-    if name in {item.name for item in fields(Scaling)}:
-        meant = f"gain=dfc.Scaling({name}=...)"
-    mend = f": give {meant}" if meant else did_you_mean(name, known)
-    return f"read_record has no argument {name!r}{mend or ', it has ' + ', '.join(known)}"
+_OF_READING: set[str] = set()
+
+
+def reading_meant(name: str) -> str:
+    """What to give for an argument of a reader where a record, or the path of one, is taken."""
+    if name not in _OF_READING:
+        return ""
+    return f'the record as it is read with it, dfc.read_record("run.csv", {name}=...)'
+
+
+def record_meant(name: str) -> str:
+    """What to give for an argument that a `Record` does not have."""
+    if name in ("rate", "fs", "dt", "ts"):
+        return "t=, the time of each sample [s], such as dt * numpy.arange(len(x))"
+    return ""
 
 
 def axis_first(function: Callable[P, R]) -> Callable[P, R]:

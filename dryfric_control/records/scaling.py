@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import wraps
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from dryfric_control.arguments import with_told
 from dryfric_control.checks import check_boolean, finite, known_keys, positive
 from dryfric_control.records.record_warning import warn
 from dryfric_control.store.files import read_toml
-from dryfric_control.text import did_you_mean, stated, with_parameters
+from dryfric_control.text import stated, with_parameters
 from dryfric_control.units import si_unit
 
 _CHANNELS = ("t", "u", "x", "v", "a", "x2")
@@ -48,21 +48,13 @@ class Conversion(NamedTuple):
 
 def _with_right_names(cls: type[Any]) -> type[Any]:
     """Let the class say which argument is meant by one that it does not have."""
-    make: Callable[..., None] = cls.__init__
     known = {item.name: item.metadata.get("doc", "") for item in fields(cls)}
 
-    @wraps(make)
-    def init(self: Any, *args: Any, **given: Any) -> None:
-        for name in given:
-            if name not in known:
-                meant = _MEANT.get(name.casefold())
-                mend = f": give {meant}=, {known[meant].rstrip('.')}" if meant else ""
-                mend = mend or did_you_mean(name, known) or ", it has " + ", ".join(known)
-                raise TypeError(f"Scaling has no argument {name!r}{mend}")
-        make(self, *args, **given)
+    def meant(name: str) -> str:
+        own = _MEANT.get(name)
+        return f"{own}=, {known[own].rstrip('.')}" if own else ""
 
-    cls.__init__ = init
-    return cls
+    return with_told(cls, meant)
 
 
 @_with_right_names

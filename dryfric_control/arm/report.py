@@ -18,7 +18,7 @@ from dryfric_control.estimation.force_residual import Sliding
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction_curve import draw_curve
 from dryfric_control.records.record import Record
-from dryfric_control.store.files import file_path, write_file
+from dryfric_control.store.files import write_file
 from dryfric_control.text import table, typeset_signs
 
 if TYPE_CHECKING:
@@ -41,16 +41,19 @@ _TEMPLATES = jinja2.Environment(
 
 def write_page(found: ArmDiagnoses, path: str | os.PathLike[str]) -> Path:
     """Write the page on an arm, which stands alone."""
-    target = file_path("path", path)
+    write_file(path, lambda: _page(found))
+    return Path(path)
+
+
+def _page(found: ArmDiagnoses) -> str:
+    """The page as text."""
     pictures = {joint: joint_figure(found, joint) for joint in found}
     shown = [
         Markup(table(part, as_html=True)) if isinstance(part, list) else typeset_signs(part)
         for part in found._summary_parts()
     ]
     page = _TEMPLATES.get_template("page.html")
-    text = page.render(shown=shown, found=found, pictures=pictures, version=__version__)
-    write_file(target, text)
-    return target
+    return page.render(shown=shown, found=found, pictures=pictures, version=__version__)
 
 
 def joint_figure(found: ArmDiagnoses, joint: str) -> str:

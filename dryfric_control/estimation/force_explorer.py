@@ -265,18 +265,21 @@ class ForceExplorer:
         -------
         Path
         """
+        write_file(path, self._page)
+        return Path(path)
+
+    def _page(self) -> str:
+        """The page as text."""
         page = jinja2.Environment(
             loader=jinja2.PackageLoader("dryfric_control.estimation", "."), autoescape=True,
             undefined=jinja2.StrictUndefined,
         ).get_template("force_explorer.html")  # fmt: skip
         length, force = self._start.units
         words = rotary_words("force missing in the model", force)
-        text = page.render(
+        return page.render(
             title=words, data=self._columns(), sliders=self.sliders, steps=_STEPS, length=length,
             force=force, axis_label=rotary_words("force", force),
         )  # fmt: skip
-        write_file(path, text)
-        return Path(path)
 
     def _columns(self) -> str:
         """Missing force of the dots as a sum of columns, by number of the model, as JSON."""

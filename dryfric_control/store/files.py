@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from dryfric_control.text import did_you_mean
 
 T = TypeVar("T")
+Content = str | bytes
 
 _ROOM = 4_000_000  # bytes, more than a report takes
 
@@ -52,9 +53,13 @@ def existing_file(source: str | os.PathLike[str]) -> Path:
     return path
 
 
-def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:
-    """Write text in UTF-8, or bytes, as a whole or not at all."""
+def write_file(path: str | os.PathLike[str], content: Content | Callable[[], Content]) -> None:
+    """Write text in UTF-8, or bytes, as a whole or not at all.
+
+    A function makes them once the place is known to be there.
+    """
     with replace_file(path) as part:
+        content = content() if callable(content) else content
         part.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
 
 

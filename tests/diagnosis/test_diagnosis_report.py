@@ -619,6 +619,20 @@ PROBE = """
 """
 
 
+def test_a_page_is_drawn_once_there_is_a_place_for_it(found, tmp_path, monkeypatch):
+    def refuse(*_):
+        raise AssertionError("drawn before the path was looked at")
+
+    monkeypatch.setattr("dryfric_control.diagnosis.report.diagnosis.html_page", refuse)
+    look = found.record.explore(found.axis)
+    monkeypatch.setattr(look, "_columns", refuse)
+    for write in (found.to_html, look.to_html):
+        with pytest.raises(FileNotFoundError, match="folder that does not exist"):
+            write(tmp_path / "nodir" / "r.html")
+        with pytest.raises(IsADirectoryError, match="name a file in it"):
+            write(tmp_path)
+
+
 @pytest.mark.slow
 @needs_browser
 @pytest.mark.parametrize("width", [1280, 400])

@@ -160,7 +160,7 @@ class Diagnosis(Saved, Result, Findings):
         path : path-like
             File to write, replaced as a whole or not at all.
         """
-        write_file(path, html_page(self))
+        write_file(path, lambda: html_page(self))
 
     def _repr_html_(self) -> str:
         return html_summary(self)

@@ -670,6 +670,7 @@ rows(
     ("diagnose_joints", dict(joints={"elbow": (AXIS, [])}), "at least one", _JOINT + r"\[1\]"),
     ("diagnose_joints", dict(tolerance={"mass": 0.0}), POSITIVE),
     ("fit replay diagnose", dict(window=1e-3), "choose between"),
+    ("fit replay diagnose", dict(window=9.0), "too short for .* record for longer"),
     ("fit replay diagnose diagnose_batch diagnose_joints", dict(window=60.0), "choose|windows"),
     ("fit diagnose", dict(tolerance={"mass": -1.0}), "more than zero"),
     ("fit diagnose", dict(tolerance={"weight": 0.1}), _BASE),

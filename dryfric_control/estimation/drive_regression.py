@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,6 +19,8 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.record import Record
 
+#: Places of columns that may be left out.
+VISCOUS, CONSTANT = 1, 3
 # Rounds of mass and of the smoothing that its noise asks for.
 _ROUNDS = 3
 # Samples of smoothed motion that are needed.
@@ -45,6 +48,8 @@ class DriveRegression:
         and their standard errors, of correlated residuals.
     rms : float
         RMS of the drive that is left.
+    out : tuple of int
+        Columns that are left out, whose values are zero.
     """
 
     record: Record
@@ -52,6 +57,7 @@ class DriveRegression:
     values: Floats
     errors: Floats
     rms: float
+    out: tuple[int, ...] = ()
 
     @classmethod
     def from_record(cls, record: Record) -> DriveRegression:
@@ -70,10 +76,11 @@ class DriveRegression:
             mass = max(float(found.values[0]), 0.1 * mass)
         return found
 
-    def without_viscous(self) -> DriveRegression:
-        """The same without viscous friction, for a record of nearly one velocity."""
-        values, errors, rms = _regression(self.record, self.motion, viscous=False)
-        return replace(self, values=values, errors=errors, rms=rms)
+    def without(self, column: int) -> DriveRegression:
+        """The same without what the motion does not tell from another column."""
+        out = (*self.out, column)
+        values, errors, rms = _regression(self.record, self.motion, out)
+        return replace(self, values=values, errors=errors, rms=rms, out=out)
 
     @cached_property
     def both_ways(self) -> bool:
@@ -126,14 +133,15 @@ class DriveRegression:
 
 
 def _regression(
-    record: Record, motion: SmoothedMotion, viscous: bool = True
+    record: Record, motion: SmoothedMotion, out: Sequence[int] = ()
 ) -> tuple[Floats, Floats, float]:
     """Values of a, v, direction, constant and place, their standard errors, RMS of the rest."""
     bare = FrictionAxis(1.0, 0.0, CoulombMap.of(1.0))
     u = drive_at_the_mass(bare, record) + known_force(record)
     middle = motion.x - float(np.mean(motion.x[motion.places]))
-    columns = [motion.a, motion.v * viscous, motion.direction, np.ones_like(u), middle, u]
+    columns = [motion.a, motion.v, motion.direction, np.ones_like(u), middle, u]
     rows = motion.smooth_columns(np.stack(columns, axis=1))
+    rows[:, list(out)] = 0.0
     size = np.abs(rows[:, :5]).max(axis=0)
     there = size > 0.0  # what is left out is zero, and so is its error
     terms = rows[:, :5][:, there] / size[there]

@@ -172,10 +172,12 @@ def cut(record: Record, window: float = 0.25, hold: str = "zero") -> Windows:
     length = samples(window, record.dt)
     if not 5 <= length <= len(record):
         slow = "" if record.dt < 0.1 else f" (dt = {record.dt:g} s: is its time in ms?)"
-        raise ValueError(
-            f"window = {window:g} s is {length} samples of this record of {len(record)}{slow}: "
-            f"choose between {5 * record.dt:g} and {len(record) * record.dt:g} s"
-        )
+        this = f"this record of {len(record)} samples, {record.duration:.3g} s{slow}"
+        asked = f"window = {window:g} s, {length} samples"
+        mend = f"choose between {5 * record.dt:g} and {record.duration:g} s"
+        if length > len(record):
+            raise ValueError(f"{this}, is too short for {asked}: record for longer, or {mend}")
+        raise ValueError(f"{asked}, is too short for {this}: {mend}")
     edges = np.arange(0, len(record), length, dtype=np.int64)
     if len(record) - edges[-1] < max(5, length // 2) and edges.size > 1:
         edges = edges[:-1]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dryfric_control.checks import warn
-from dryfric_control.estimation.drive_regression import DriveRegression
+from dryfric_control.estimation.drive_regression import CONSTANT, VISCOUS, DriveRegression
 from dryfric_control.estimation.plausibility import STICK_RATIO
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis
@@ -168,8 +168,14 @@ def force_regression(record: RecordLike) -> ForceRegression:
     if found.exchange:
         raise ValueError(f"record: {found.exchange}" + page_reference("troubleshooting"))
     messages = []
+    if not found.both_ways:
+        found = found.without(CONSTANT)
+        messages.append(
+            "the record moves one way only: the Coulomb level has what constant force there is; "
+            "drive it both ways"
+        )
     if not found.errors[2] < _HARDLY * found.values[2]:
-        found = found.without_viscous()
+        found = found.without(VISCOUS)
         messages.append(
             "viscous and coulomb are not told apart by this record, of nearly one velocity: the "
             "level has both, viscous is taken as 0"
@@ -197,9 +203,11 @@ def force_regression(record: RecordLike) -> ForceRegression:
         f"{deviations[name]:.2g}): {mend}"
         for name, mend in (
             ("mass", "it hardly accelerates, give axis.replace(mass=...) what you know"),
+            ("viscous", "its velocity hardly changes, or other forces hide it"),
             ("coulomb", "it does not slide slowly both ways, or other forces hide it"),
         )
         if not deviations[name] < _HARDLY * parameters[name]
+        and not (name == "viscous" and VISCOUS in found.out)
     ]
     level = max(float(values[2]), float(errors[2]), 1e-12)
     mass = float(values[0])

@@ -75,6 +75,19 @@ def test_a_drive_that_shows_no_machine_gives_no_axis():
         dfc.axis_from(record_of(rng.standard_normal(T.size)))
 
 
+def test_one_way_the_level_has_the_constant_force_and_a_value_that_does_not_show_is_told():
+    up = slice(6300, 7300)  # 1 s of the motion below, one way
+    x = np.cumsum(1e-3 * np.abs(VELOCITY))
+    force = FORCE * np.sign(VELOCITY)
+    found = force_regression(record_of(force, x)[up.start : up.stop])
+    assert "one way only" in found.messages[0] and found.constant == 0.0
+    # Half of it was in a constant that no such record tells from it.
+    assert found.parameters["coulomb"] == pytest.approx(8.0, abs=1.0)
+    sluggish = record_of(FORCE - 15.0 * VELOCITY, noise=0.5)
+    assert any(one.startswith("viscous is hardly determined") for one in
+               force_regression(sluggish).messages)  # fmt: skip
+
+
 def test_what_is_left_out_of_the_regression_is_zero():
     v = np.where(T < 4.0, 0.02, -0.02)
     found = force_regression(record_of(8.0 * np.sign(v), 0.02 * (4.0 - np.abs(T - 4.0)), noise=0.1))

@@ -18,13 +18,15 @@ from dryfric_control.records.motion import fast_speed, is_undriven
 from dryfric_control.records.read import RecordLike, as_record
 from dryfric_control.records.record import Record
 from dryfric_control.result_table import Quantity, format_table
-from dryfric_control.text import Result, documented, page_reference, stated
+from dryfric_control.text import Result, documented, page_reference, percent, stated
 from dryfric_control.units import usual_units
 
 # Ratio of standard error to value beyond which a parameter is not determined.
 _HARDLY = 0.5
 # Inertial force of a mass that is not determined, over the Coulomb level, at most.
 _FAINT = 0.1
+# Drive that is left, over the Coulomb level, from which on its cause may matter.
+_LEFT = 0.05
 _NAMES = ("mass", "viscous", "coulomb")
 
 
@@ -74,6 +76,13 @@ class ForceRegression(Result):
             f"left of the drive: {self.rms:.3g} {force} RMS; beside these the drive has a constant "
             f"part of {self.constant:.3g} {force} and {self.slope:.3g} {force}/{length} over place"
         )
+        level = self.axis.coulomb.mean
+        if self.rms > _LEFT * level:
+            yield (
+                f"what is left is {percent(self.rms / level)} of the Coulomb level: where the axis "
+                "lacks what makes it, the values are off by more than their errors, those "
+                "of noise; fit and diagnose go on from them"
+            )
         yield from (f"warning: {message}" for message in self.messages)
 
 

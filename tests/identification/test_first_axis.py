@@ -88,6 +88,13 @@ def test_one_way_the_level_has_the_constant_force_and_a_value_that_does_not_show
                force_regression(sluggish).messages)  # fmt: skip
 
 
+def test_errors_of_noise_alone_are_told_for_that_where_more_is_left():
+    ripple = 1.5 * np.sin(2.0 * np.pi * POSITION / 8e-3)
+    assert "off by more than their errors" in " ".join(str(force_regression(
+        record_of(FORCE + ripple))).split())  # fmt: skip
+    assert "more than their errors" not in str(force_regression(record_of(FORCE)))
+
+
 def test_what_is_left_out_of_the_regression_is_zero():
     v = np.where(T < 4.0, 0.02, -0.02)
     found = force_regression(record_of(8.0 * np.sign(v), 0.02 * (4.0 - np.abs(T - 4.0)), noise=0.1))

@@ -541,14 +541,14 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         shown = _force_first(search, recorded, forces, builds_up)
         if shown is not None and not shown[0].problem.is_muted(shown[1].fit):
             return *shown, False
-        first = search
+        by_force = search
         search = Search(problem, tell, search.not_tried, now=search.now)
         begun = search.fit_nominal()
         # The least smoothing: a smoother input may hide that it does not cause the motion.
         problem = search.problem = denoised_inputs(problem, recorded, begun, most=False)
         if problem.runs is not recorded:
             begun = problem.fit(begun.axis, noises=noises_of(begun), turns=COMPARISON_ITERATIONS)
-        if shown is not None and first.has_begun_at(begun):
+        if shown is not None and by_force.has_begun_at(begun):
             return *shown, False
         search.now = Model(begun)
         if begun.cost > problem.straight_line.cost:

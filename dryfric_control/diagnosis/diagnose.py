@@ -548,13 +548,13 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         problem = search.problem = denoised_inputs(problem, recorded, begun, most=False)
         if problem.runs is not recorded:
             begun = problem.fit(begun.axis, noises=noises_of(begun), turns=COMPARISON_ITERATIONS)
-        if shown is not None and by_force.has_begun_at(begun):
-            return *shown, False
         search.now = Model(begun)
         if begun.cost > problem.straight_line.cost:
             found = _by_force(search, begun, builds_up)
             if found is not None:
                 return *found, False
+        if shown is not None and by_force.has_begun_at(begun):
+            return *shown, False
         first = search.best_proposal(Model(begun))
         fall = 0.0 if first is None else begun.cost - first.fit.cost
         early = (

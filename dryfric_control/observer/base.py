@@ -203,7 +203,7 @@ class Observer(Saved):
        `docs/_extensions/public_names.py`; tests of what all have in common follow from its place in
        `tests/observer/observers.py`.
     10. The nominal axis goes through `error_model.own_axis`, which leaves out, with a warning, what
-       a rigid mass cannot have, and the Stribeck peak.
+        a rigid mass cannot have, and the Stribeck peak.
 
     Examples
     --------

@@ -541,7 +541,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         shown = _force_first(search, recorded, forces, builds_up)
         if shown is not None and not shown[0].problem.is_muted(shown[1].fit):
             return *shown, False
-        by_force = search
+        first_search = search
         search = Search(problem, tell, search.not_tried, now=search.now)
         begun = search.fit_nominal()
         # The least smoothing: a smoother input may hide that it does not cause the motion.
@@ -553,7 +553,7 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
             found = _by_force(search, begun, builds_up)
             if found is not None:
                 return *found, False
-        if shown is not None and by_force.has_begun_at(begun):
+        if shown is not None and first_search.has_begun_at(begun):
             return *shown, False
         first = search.best_proposal(Model(begun))
         fall = 0.0 if first is None else begun.cost - first.fit.cost

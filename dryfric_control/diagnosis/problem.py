@@ -21,8 +21,8 @@ from dryfric_control.diagnosis.candidates import (
     own_names,
     shown_range,
 )
+from dryfric_control.diagnosis.remaining import mutes_friction
 from dryfric_control.diagnosis.thresholds import (
-    MAX_RANDOM_FORCE_RATIO,
     MIN_EVIDENCE,
     MIN_LINE_LEAD,
     MIN_MODEL_LEAD,
@@ -148,9 +148,7 @@ class Problem:
 
     def is_muted(self, fit: Solution) -> bool:
         """Whether the random force is too large, beside the friction, to explain anything."""
-        return not self.is_imposed and fit.largest_force > max(
-            MAX_RANDOM_FORCE_RATIO * fit.axis.coulomb.mean, 0.0
-        )
+        return not self.is_imposed and mutes_friction(fit.largest_force, fit.axis)
 
     def left(self, fit: Solution) -> float:
         """Log-likelihood that causes may still gain on the data; infinite with a force left.

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import welch
 
+from dryfric_control.diagnosis.thresholds import MAX_RANDOM_FORCE_RATIO
 from dryfric_control.estimation.random_force import integrate_autocorrelation, products
 from dryfric_control.estimation.solution import Solution
+from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.text import Result, documented, rotary_words, stated
 
 # Segment length of the spectrum [samples].
@@ -63,6 +65,11 @@ class Remaining(Result):
 
     def _summary_parts(self) -> list[str]:
         return [self.headline, *self.where]
+
+
+def mutes_friction(force: float, axis: FrictionAxis) -> bool:
+    """Whether a random force is too large, beside the friction of an axis, to explain anything."""
+    return force > max(MAX_RANDOM_FORCE_RATIO * axis.coulomb.mean, 0.0)
 
 
 def remaining_force(

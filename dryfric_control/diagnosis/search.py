@@ -384,8 +384,10 @@ class Search:
             looks.begin_with(*known)
         tried = self._open(key, _filter_proposals(among, self._proposals(now, grams)))
         looks.fit(tried)
-        shown = self._memory_shows(now, grams, looks, other, among)
-        hidden = not shown and self._memory_may_hide(now, looks, other, among)
+        found = [now.fit, *(r.fit for r in looks.good), *(() if other is None else (other,))]
+        asked = self._memory_is_open(found, among)
+        shown = asked and self._memory_shows(now, grams, looks, other)
+        hidden = asked and not shown and self._memory_may_hide(now, found)
         if shown or hidden:
             for gram in grams:
                 gram.simulate()
@@ -427,22 +429,20 @@ class Search:
         idle = self.before.idle.get(key, ()) if self.before is not None else ()
         return [one for one in some if frozenset(one.names) not in idle]
 
+    def _memory_is_open(self, found: Sequence[Solution], among: Collection[str]) -> bool:
+        """Whether effects with a memory may be proposed, and no explanation leaves nothing."""
+        if among and not any(effect_class(n).remembers for n in among):
+            return False
+        return all(self.problem.left(fit) >= MIN_EVIDENCE for fit in found)
+
     def _memory_shows(
-        self,
-        now: Model,
-        grams: Sequence[Gram],
-        looks: ProposalFits,
-        other: Solution | None,
-        among: Collection[str],
+        self, now: Model, grams: Sequence[Gram], looks: ProposalFits, other: Solution | None
     ) -> bool:
         """Whether the record shows that shapes with a memory, which take passes, may explain it.
 
-        Where friction builds up after reversals, or single readings are far off, and no
-        explanation leaves nothing; beside or in the place of another cause, only where the former
-        is the first thing to be seen.
+        Where friction builds up after reversals, or single readings are far off; beside or in the
+        place of another cause, only where the former is the first thing to be seen.
         """
-        if not self._memory_is_open(now, looks, other, among):
-            return False
         last = MAX_CAUSES if other is None and not looks.good else 1
         return (
             self._after_reversal(now, grams) < last
@@ -450,32 +450,13 @@ class Search:
             or self.problem.is_imposed  # where a shape takes no pass of the filter
         )
 
-    def _memory_may_hide(
-        self, now: Model, looks: ProposalFits, other: Solution | None, among: Collection[str]
-    ) -> bool:
+    def _memory_may_hide(self, now: Model, found: Sequence[Solution]) -> bool:
         """Whether a first cause with a memory may hide behind a random force.
 
         Where that is as large as the friction and mutes every explanation.  The cause ends it; one
         beside which it stays is none.
         """
-        return (
-            not now.causes
-            and self._memory_is_open(now, looks, other, among)
-            and all(map(self.problem.is_muted, self._explanations(now, looks, other)))
-        )
-
-    def _memory_is_open(
-        self, now: Model, looks: ProposalFits, other: Solution | None, among: Collection[str]
-    ) -> bool:
-        """Whether effects with a memory may be proposed, and no explanation leaves nothing."""
-        if among and not any(effect_class(n).remembers for n in among):
-            return False
-        fits = self._explanations(now, looks, other)
-        return all(self.problem.left(fit) >= MIN_EVIDENCE for fit in fits)
-
-    @staticmethod
-    def _explanations(now: Model, looks: ProposalFits, other: Solution | None) -> list[Solution]:
-        return [now.fit, *(r.fit for r in looks.good), *(() if other is None else (other,))]
+        return not now.causes and all(map(self.problem.is_muted, found))
 
     def _after_reversal(self, now: Model, grams: Sequence[Gram]) -> int:
         """Place at which friction after reversals joins a model.

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import BASE, holds
-from dryfric_control.diagnosis.remaining import Remaining
-from dryfric_control.diagnosis.thresholds import MAX_RANDOM_FORCE_RATIO
+from dryfric_control.diagnosis.remaining import Remaining, mutes_friction
 from dryfric_control.estimation.parameters import values_of
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import class_of, titles_of
@@ -214,8 +213,7 @@ class Findings:
     def is_muted(self) -> bool:
         """Whether the random force left is too large, beside the friction, to explain anything."""
         imposed = self.gain.unit == self.axis.units[1]
-        bound = MAX_RANDOM_FORCE_RATIO * self.extended.coulomb.mean
-        return not imposed and self.remaining.rms > bound
+        return not imposed and mutes_friction(self.remaining.rms, self.extended)
 
     @property
     def random_force(self) -> str:

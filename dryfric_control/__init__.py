@@ -92,8 +92,8 @@ __all__ += [
 ]
 
 # Each says which argument is meant by a wrong one.
-_meant = {"Record": _around_records.record_meant, "record": _around_records.reading_meant}
-_arguments.tell_names(globals(), __all__, _meant)
+_hints = {"Record": _around_records.record_hint, "record": _around_records.reading_hint}
+_arguments.add_argument_hints(globals(), __all__, _hints)
 
 # Public namespaces: `from dryfric_control.effects import Cogging` reads them too.
 sys.modules[f"{__name__}.effects"] = effects

@@ -1,4 +1,4 @@
-"""Arguments by a wrong name: a call that has one is told which is meant."""
+"""Hints on arguments by a wrong name: which one is meant."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any
 from dryfric_control.text import did_you_mean
 
 #: What stands for an argument by what users call it, in lower case; empty where nothing is known.
-Meant = Callable[[str], str]
+Hint = Callable[[str], str]
 
 # What users call an argument, in lower case, and names by which a callable may have it.
-_ALSO = {
+_OTHER_NAMES = {
     **dict.fromkeys(("fixed", "hold_fixed", "frozen", "held", "trusted"), ("known",)),
     **dict.fromkeys(("vary", "params", "parameters", "estimate"), ("free",)),
     **dict.fromkeys(("velocity", "vs", "v_s", "v"), ("speed",)),
@@ -31,7 +31,7 @@ _ALSO = {
 def unknown_argument(owner: str, name: str, known: Iterable[str], meant: str = "") -> str:
     """Message for an argument that a callable does not have; `meant`: what to give instead."""
     known = tuple(known)
-    also = next((one for one in _ALSO.get(name.lower(), ()) if one in known), "")
+    also = next((one for one in _OTHER_NAMES.get(name.lower(), ()) if one in known), "")
     mend = f": give {meant or f'{also}='}" if meant or also else did_you_mean(name, known)
     return f"{owner} has no argument {name!r}{mend or ', it has ' + ', '.join(known)}"
 
@@ -41,56 +41,59 @@ def unknown_name(module: str, name: str, known: Iterable[str]) -> str:
     return f"module {module!r} has no attribute {name!r}{did_you_mean(name, known)}"
 
 
-def told(function: Any, owner: str = "", meant: Meant = lambda name: "") -> Any:
+def function_with_hints(function: Any, owner: str = "", meant: Hint = lambda name: "") -> Any:
     """The function, which names the right argument for a wrong one."""
     asked = inspect.signature(function).parameters
     open_end = any(one.kind is one.VAR_KEYWORD for one in asked.values())
-    if open_end or "tells" in vars(function):
+    if open_end or "has_hints" in vars(function):
         return function
     known = tuple(name for name in asked if name not in ("self", "cls"))
     owner = owner or function.__name__
 
     @wraps(function)
-    def call_told(*args: Any, **given: Any) -> Any:
+    def call_checked(*args: Any, **given: Any) -> Any:
         for name in given:
             if name not in asked:
                 raise TypeError(unknown_argument(owner, name, known, meant(name.lower())))
         return function(*args, **given)
 
-    vars(call_told)["tells"] = True
-    return call_told
+    vars(call_checked)["has_hints"] = True
+    return call_checked
 
 
-def with_told(cls: type[Any], meant: Meant = lambda name: "") -> type[Any]:
+def with_argument_hints(cls: type[Any], meant: Hint = lambda name: "") -> type[Any]:
     """The class, which names the right argument for a wrong one."""
-    setattr(cls, "__init__", told(cls.__init__, cls.__name__, meant))  # noqa: B010
+    setattr(cls, "__init__", function_with_hints(cls.__init__, cls.__name__, meant))  # noqa: B010
     return cls
 
 
-def with_told_methods(cls: type[Any]) -> type[Any]:
+def with_method_hints(cls: type[Any]) -> type[Any]:
     """The same of its own public methods."""
     for name, one in list(vars(cls).items()):
+        owner = f"{cls.__name__}.{name}"
         if name.startswith("_"):
             continue
         if isinstance(one, classmethod):
-            setattr(cls, name, classmethod(told(one.__func__, f"{cls.__name__}.{name}")))
+            setattr(cls, name, classmethod(function_with_hints(one.__func__, owner)))
         elif inspect.isfunction(one):
-            setattr(cls, name, told(one, f"{cls.__name__}.{name}"))
+            setattr(cls, name, function_with_hints(one, owner))
     return cls
 
 
-def tell_names(space: dict[str, Any], names: Iterable[str], meant: Mapping[str, Meant]) -> None:
-    """Let the public names of a package tell, classes with their methods.
+def add_argument_hints(
+    space: dict[str, Any], names: Iterable[str], meant: Mapping[str, Hint]
+) -> None:
+    """Give the public names of a package hints on their arguments, classes with their methods.
 
     `meant` is by the name of a class, or by that of an argument that a function takes.
     """
     for name in names:
         one = space[name]
         if inspect.isclass(one):
-            with_told_methods(with_told(one, meant.get(name, lambda word: "")))
+            with_method_hints(with_argument_hints(one, meant.get(name, lambda word: "")))
         elif inspect.isfunction(one):
             takes = inspect.signature(one).parameters
             own = next((meant[word] for word in takes if word in meant), lambda word: "")
-            space[name] = told(one, meant=own)
+            space[name] = function_with_hints(one, meant=own)
             if space[name] is not one:
                 space[name].__module__ = space["__name__"]  # where pickle finds it

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dryfric_control.arrays import Floats
 from dryfric_control.compiled import axis_step
 from dryfric_control.compiled.cached import njit
 from dryfric_control.compiled.states import first_state, follow_motion, forget_states
@@ -465,7 +466,7 @@ def project(axis, w, search, at):
         _copy(after, 0, passed_on, inner)
 
 
-def accelerations(numbers, integers, t, x, v, u, known, direction):
+def accelerations(numbers, integers, t, x, v, u, known, direction) -> Floats:
     """Acceleration of the sliding mode at given states, shape (n,); `known`: force, or (0,).
 
     The states of effects follow the motion from one to the next, as long as time goes on.

@@ -713,7 +713,7 @@ class Likelihood:
         arrays = axis.arrays(1.0)
         run = self.runs[i]
         motion = (run.record.t, states[0], states[1], run.u, self.known_force(z, i), direction)
-        return np.asarray(accelerations(arrays.numbers, arrays.integers, *motion))
+        return accelerations(arrays.numbers, arrays.integers, *motion)
 
     def rescale_information(self, h: FloatArray) -> FloatArray:
         """Information, for noises scaled to the curvature of the cost.

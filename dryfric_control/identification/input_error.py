@@ -74,7 +74,7 @@ def _drive_slopes(found: Solution, i: int, axis: FrictionAxis, spread: float) ->
         arrays = one.arrays(1.0)
         record = run.record
         motion = (record.t, states[0], states[1], run.u + drive, record.known_force, direction)
-        return np.asarray(axis.mass * accelerations(arrays.numbers, arrays.integers, *motion))
+        return axis.mass * accelerations(arrays.numbers, arrays.integers, *motion)
 
     here = [force(axis, side * spread) for side in (-1.0, 1.0)]
     rows = []

@@ -79,6 +79,6 @@ def with_inertia(cls: type[Any]) -> type[Any]:
             )
         make(self, *args, **given)
 
-    vars(init)["tells"] = True
+    vars(init)["has_hints"] = True
     cls.__init__ = init
     return cls

@@ -33,8 +33,7 @@ def net_force(axis: Axis, t: Any, x: Any, v: Any, u: Any, way: Any, load: Any = 
     """
     arrays = axis.arrays(1.0, moved=False)
     way = way.astype(np.int64)
-    rates = accelerations(arrays.numbers, arrays.integers, t, x, v, u, load, way)
-    return np.asarray(axis.mass * rates)
+    return axis.mass * accelerations(arrays.numbers, arrays.integers, t, x, v, u, load, way)
 
 
 def friction_over_velocity(axis: Axis, v: ArrayLike, x: ArrayLike) -> Floats:

@@ -9,7 +9,7 @@ from dataclasses import fields
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
-from dryfric_control.arguments import told
+from dryfric_control.arguments import function_with_hints
 from dryfric_control.records.record import Record
 from dryfric_control.records.scaling import Scaling
 
@@ -52,21 +52,21 @@ def reading_arguments(read: Callable[P, R]) -> Callable[P, R]:
         return _MEANT.get(name, "")
 
     _OF_READING.update(inspect.signature(read).parameters)
-    found: Callable[P, R] = told(read, meant=meant)
+    found: Callable[P, R] = function_with_hints(read, meant=meant)
     return found
 
 
 _OF_READING: set[str] = set()
 
 
-def reading_meant(name: str) -> str:
+def reading_hint(name: str) -> str:
     """What to give for an argument of a reader where a record, or the path of one, is taken."""
     if name not in _OF_READING:
         return ""
     return f'the record as it is read with it, dfc.read_record("run.csv", {name}=...)'
 
 
-def record_meant(name: str) -> str:
+def record_hint(name: str) -> str:
     """What to give for an argument that a `Record` does not have."""
     if name in ("rate", "fs", "dt", "ts"):
         return "t=, the time of each sample [s], such as dt * numpy.arange(len(x))"

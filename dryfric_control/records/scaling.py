@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from dryfric_control.arguments import with_told
+from dryfric_control.arguments import with_argument_hints
 from dryfric_control.checks import check_boolean, finite, known_keys, positive
 from dryfric_control.records.record_warning import warn
 from dryfric_control.store.files import read_toml
@@ -54,7 +54,7 @@ def _with_right_names(cls: type[Any]) -> type[Any]:
         own = _MEANT.get(name)
         return f"{own}=, {known[own].rstrip('.')}" if own else ""
 
-    return with_told(cls, meant)
+    return with_argument_hints(cls, meant)
 
 
 @_with_right_names

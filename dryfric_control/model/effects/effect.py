@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, dataclass_transform
 import numpy as np
 from numba import cfunc
 
-from dryfric_control.arguments import with_told
+from dryfric_control.arguments import with_argument_hints
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import check_boolean, finite, one_of, positive, string
 from dryfric_control.compiled.axis_step import LAW, MOST_SLOPE
@@ -771,7 +771,7 @@ def register_effect(cls: type[Effect]) -> type[Effect]:
         )
     if "__dataclass_params__" not in vars(cls):
         dataclass(frozen=True)(cls)
-    with_told(cls)
+    with_argument_hints(cls)
     own = cls.__name__
     said = {name for one in cls.__mro__ if one is not Effect for name in vars(one)}
     if "slug" not in said:

@@ -67,6 +67,16 @@ _BY_UNIT = {
 }
 
 _BRACKETS = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
+# Numbers of words that a unit may have behind a mark: _rad_s2, _N_m, _N.
+_UNIT_WORDS = {"/": (1,), " in ": (1,), "_": (3, 2, 1), " ": (1,)}
+
+
+class Meaning(NamedTuple):
+    """What a heading says, each empty where it does not say it."""
+
+    role: str = ""
+    usual: str = ""  # the name of the role that is in the heading
+    joint: str = ""
 
 
 @dataclass(frozen=True)
@@ -145,23 +155,34 @@ def split_header(cell: str) -> tuple[str, str]:
         cell = normalize("NFKC", cell)
     if len(cell) > 200:  # no heading, and the pattern takes quadratic time
         return cell, ""
-    match = _BRACKETS.fullmatch(cell)
-    if match:
-        unit = (match[2] if match[2] is not None else match[3]).strip()
-        unit = unit.removeprefix("in ").strip()
-        return (cell, "") if unit.isdigit() else (match[1].rstrip(" /"), unit)
-    for mark in ("/", " in ", "_", " "):
+    if match := _BRACKETS.fullmatch(cell):
+        return _split_brackets(match)
+    if found := _split_usual_name(cell):
+        return found
+    return (cell, "") if parse_heading(cell).role else _split_other_name(cell)
+
+
+def _split_brackets(match: re.Match[str]) -> tuple[str, str]:
+    """Name and unit of a heading with brackets; a number in them is no unit."""
+    unit = (match[2] if match[2] is not None else match[3]).strip()
+    unit = unit.removeprefix("in ").strip()
+    return (match[0], "") if unit.isdigit() else (match[1].rstrip(" /"), unit)
+
+
+def _split_usual_name(cell: str) -> tuple[str, str] | None:
+    """Name of a channel and a unit that it may have; None where a heading does not end in one."""
+    for mark, tails in _UNIT_WORDS.items():
         words = cell.split(mark)
-        for tail in (3, 2, 1) if mark == "_" else (1,):
+        for tail in tails:
             name = mark.join(words[:-tail])
-            role = parse_heading(name)[0] or (mark == "/" and _SYMBOLS.get(name.strip().casefold()))
+            role = parse_heading(name).role or (mark == "/" and _symbol_role(name))
             for unit in {"/".join(words[-tail:]), " ".join(words[-tail:])}:
                 if role and known_unit(unit) and _fits(role, unit):
                     return name.strip(), unit.strip()
-    return (cell, "") if parse_heading(cell)[0] else _split_unknown(cell)
+    return None
 
 
-def _split_unknown(cell: str) -> tuple[str, str]:
+def _split_other_name(cell: str) -> tuple[str, str]:
     """Name and unit of a column whose name is not known: DIN 1313 writes Hubkraft / N."""
     parts: list[tuple[str, str, Callable[[str], Any]]] = [
         (*cell.rpartition(mark)[::2], known_unit) for mark in (" in ", " / ")
@@ -169,14 +190,19 @@ def _split_unknown(cell: str) -> tuple[str, str]:
     # Parts of a path and words of a name have no blanks either: only what is no word.
     parts.append((*cell.partition("/")[::2], SUFFIXES.__contains__))
     words = cell.split("_")
-    for tail in (3, 2, 1):  # _rad_s2, _N_m, _N
+    for tail in _UNIT_WORDS["_"]:
         if words[-tail:][0] in SUFFIXES:
             for mark in ("/", " "):
                 parts.append(("_".join(words[:-tail]), mark.join(words[-tail:]), known_unit))
     for name, unit, is_unit in parts:
-        if len(name.strip()) > 1 and is_unit(unit.strip()) and not parse_heading(name)[0]:
+        if len(name.strip()) > 1 and is_unit(unit.strip()) and not parse_heading(name).role:
             return name.strip(), unit.strip()
     return cell, ""
+
+
+def _symbol_role(name: str) -> str:
+    """Role of a letter of physics; empty for any other name."""
+    return _SYMBOLS.get(name.strip().casefold(), "")
 
 
 def normalize_heading(name: str) -> str:
@@ -188,26 +214,31 @@ def normalize_heading(name: str) -> str:
 
 
 @lru_cache(maxsize=4096)
-def parse_heading(name: str) -> tuple[str, str, str]:
-    """Role of a heading, its usual name, and the joint it is of, each empty if there is none."""
+def parse_heading(name: str) -> Meaning:
+    """Role of a heading, its usual name, and the joint it is of."""
     usual = normalize_heading(name)
     of_machine = [usual.removeprefix(word) for word in _BEFORE if usual.startswith(word)]
     for one in (usual, name.strip().casefold(), *of_machine):
         if one in _ROLES:
-            return _ROLES[one], one, ""
-    if _is_derived(name):
-        return "", "", ""
+            return Meaning(_ROLES[one], one)
+    return Meaning() if _is_derived(name) else _path_meaning(name)
+
+
+def _path_meaning(name: str) -> Meaning:
+    """Meaning of a heading by its last parts, as of a path."""
     for marks in (r"[./\\:()\[\]]+", r"[./\\:()\[\]\s]+"):  # a name may have blanks in it
         parts = [part for part in re.split(marks, name) if part.strip()]
         last = range(len(parts), max(0, len(parts) - 3), -1)
-        if found := [m for k in last if (m := _part(parts, k))]:
+        if found := [meaning for k in last if (meaning := _part_meaning(parts, k))]:
             break
+    else:
+        return Meaning()
     # A letter may be the name of a joint or a direction in space, behind what it is of.
-    found.sort(key=lambda m: len(m[1]) == 1)
-    path = sum(not part.isdigit() for part in parts) > 1
-    if not found or (path and len(found[0][1]) == 1 and found[0][1] not in _LETTERS):
-        return "", "", ""
-    return found[0]
+    best = min(found, key=lambda meaning: len(meaning.usual) == 1)
+    is_path = sum(not part.isdigit() for part in parts) > 1
+    if is_path and len(best.usual) == 1 and best.usual not in _LETTERS:
+        return Meaning()
+    return best
 
 
 def _is_derived(name: str) -> bool:
@@ -216,22 +247,22 @@ def _is_derived(name: str) -> bool:
     return any(w in _DERIVED or any(part in w for part in _DERIVED_WITHIN) for w in words)
 
 
-def _part(parts: list[str], k: int) -> tuple[str, str, str] | None:
+def _part_meaning(parts: list[str], k: int) -> Meaning | None:
     """Meaning of the k-th part of a name; what follows is the joint, or a number in it."""
-    words = re.findall(r"[^\W\d_]+|\d+", normalize_heading(parts[k - 1]))
-    numbers = [w for w in words if w.isdigit()]
-    words = _stem_words(words)
-    direction = words[-1] if len(words) > 1 and words[-1] in _DIRECTIONS else ""
-    for stem in (
-        "_".join(words),
-        "_".join(words[1:] if set(words[:1]) & _PREFIXES else ()),
-        "_".join(words[:-1] if direction else ()),
-    ):
-        if stem in _ROLES and _ROLES[stem] not in ("x2", "good"):
-            if direction and stem == "_".join(words[:-1]):
-                return _ROLES[stem], stem, direction
-            before = [n for part in parts[: k - 1] for n in re.findall(r"\d+", part)]
-            return _ROLES[stem], stem, ".".join(parts[k:] or numbers or before[-1:])
+    found = re.findall(r"[^\W\d_]+|\d+", normalize_heading(parts[k - 1]))
+    words = _stem_words(found)
+    without_prefix = words[1:] if set(words[:1]) & _PREFIXES else []
+    undirected = words[:-1] if len(words) > 1 and words[-1] in _DIRECTIONS else []
+    for form in (words, without_prefix, undirected):
+        usual = "_".join(form)
+        role = _ROLES.get(usual, "")
+        if role in ("", "x2", "good"):
+            continue
+        if form == undirected:
+            return Meaning(role, usual, words[-1])
+        numbers = [word for word in found if word.isdigit()]
+        before = [n for part in parts[: k - 1] for n in re.findall(r"\d+", part)]
+        return Meaning(role, usual, ".".join(parts[k:] or numbers or before[-1:]))
     return None
 
 
@@ -274,11 +305,7 @@ def assign_columns(
     names = _column_names(headings, wanted.joint, where)
     if not columns and not any(headings):
         return _in_order(len(headings), where, timed)
-    chosen = {
-        role: _find_column(role, column, headings, names, where)
-        for role, column in columns.items()
-        if column is not None or (role == "t" and timed)
-    }
+    chosen = _caller_columns(columns, headings, names, timed, where)
     for role in NAMES:
         if role in columns:
             continue
@@ -291,6 +318,18 @@ def assign_columns(
     if timed is False and not {"t"} & {*chosen, *columns}:
         _warn_of_unseen(_without_role(clues.dates, chosen), headings, where)
     return chosen
+
+
+def _caller_columns(
+    columns: Mapping[str, Any], headings: list[str], names: list[str], timed: bool | None,
+    where: str,
+) -> dict[str, int]:  # fmt: skip
+    """Index of each column that the caller names."""
+    return {
+        role: _find_column(role, column, headings, names, where)
+        for role, column in columns.items()
+        if column is not None or (role == "t" and timed)
+    }
 
 
 def _warn_of_unseen(dates: list[int], headings: list[str], where: str) -> None:
@@ -385,27 +424,23 @@ def _columns_by_unit(role: str, headings: list[str], taken: set[int]) -> list[in
 
 def _is_symbol(role: str, name: str, unit: str) -> bool:
     """Whether a name is the letter of a channel, in a unit that this may be in."""
-    return _SYMBOLS.get(name.strip().casefold()) == role and _fits(role, unit)
+    return _symbol_role(name) == role and _fits(role, unit)
 
 
 def _has_meaning(name: str) -> bool:
     """Whether a heading names a channel, or what is derived of one."""
-    return bool(parse_heading(name)[0]) or _is_derived(name)
+    return bool(parse_heading(name).role) or _is_derived(name)
 
 
 def _ambiguity_error(
     role: str, found: list[int], headings: list[str], names: list[str], where: str
 ) -> RefusalError:
     """The error for several columns that could play a role, with a line for each."""
-    joints = [parse_heading(names[k])[2] for k in found]
+    joints = [parse_heading(names[k]).joint for k in found]
     several = len(set(joints)) == len(found)
-    others = [columns_by_name(other, names) for other in ("u", "x") if other != role]
-    shared = any(one and not any(parse_heading(names[k])[2] for k in one) for one in others)
-    first = joints[0] if several and joints[0] and not shared else ""
+    first = joints[0] if several and not _has_common_channel(role, names) else ""
     joint: Any = int(first) if first.isdigit() else first
-    # Of two with one heading only the index says which.
-    own = [headings[k].strip() for k in found]
-    said: list[Any] = [h if own.count(h) == 1 else k for k, h in zip(found, own, strict=True)]
+    said = _distinct_headings(found, headings)
     mend = {"joint": joint} if first else {"columns": {role: said[0]}}
     ways = " or ".join(f'columns={{"{role}": {one!r}}}' for one in said[:4])
     return RefusalError(
@@ -417,6 +452,18 @@ def _ambiguity_error(
     )
 
 
+def _has_common_channel(role: str, names: list[str]) -> bool:
+    """Whether u or x, beside a role, has columns of no joint, which one joint would leave out."""
+    others = [columns_by_name(other, names) for other in ("u", "x") if other != role]
+    return any(one and not any(parse_heading(names[k]).joint for k in one) for one in others)
+
+
+def _distinct_headings(found: list[int], headings: list[str]) -> list[Any]:
+    """Headings of columns; of two with one heading only the index says which."""
+    own = [headings[k].strip() for k in found]
+    return [h if own.count(h) == 1 else k for k, h in zip(found, own, strict=True)]
+
+
 def _suits_role(role: str, heading: str) -> bool:
     """Whether the first or last word of a heading, and its unit, suit a role."""
     name, unit = split_header(heading)
@@ -424,7 +471,7 @@ def _suits_role(role: str, heading: str) -> bool:
     stems = {"u": "drive", "x": "position"}
     suited = _SAID["stems"][stems[role]] if role in stems else ("time", "timestamp", "stamp")
     ends = set(words[-1:]) | (set(words[:1]) if len("".join(words[1:])) < 3 else set())
-    return bool(ends & set(suited)) and _fits(role, unit) and parse_heading(name)[0] in ("", role)
+    return bool(ends & set(suited)) and _fits(role, unit) and parse_heading(name).role in ("", role)
 
 
 def _missing_roles_error(
@@ -457,35 +504,36 @@ def _proposed_columns(
     missing: Mapping[str, str], headings: list[str], chosen: Mapping[str, int], clues: Clues
 ) -> dict[str, Any]:
     """Arguments that say what plays the missing roles, as far as headings and clues show it."""
-    own = {k: headings[k].strip() for k in _without_role((*range(len(headings)),), chosen)}
+    own = [headings[k].strip() for k in _without_role((*range(len(headings)),), chosen)]
     columns: dict[str, Any] = {}
     for role in missing:
-        columns[role] = next((h for h in own.values() if _suits_role(role, h)), ...)
-    alone = {*columns.values()} == {...} and 1 < len(missing) == len(headings) == len({*headings})
-    if alone and ("t" not in missing or clues.rising[:1] == (0,)):
-        # As where there are no headings, if the first may be a time.
+        columns[role] = next((h for h in own if _suits_role(role, h)), ...)
+    if {*columns.values()} == {...} and _may_be_in_order(missing, headings, clues):
         return {"columns": dict(zip(missing, headings, strict=True))}
-    mend: dict[str, Any] = {"columns": columns}
-    others = (_is_other_channel(split_header(h)[0]) for h in own.values() if h)
-    if columns.get("u") is ... and all(others):
+    if columns.get("u") is ... and all(map(_is_other_channel, filter(None, own))):
         columns["u"] = None
-    if columns.get("t") is ...:
-        rising = [
-            k
-            for k in _without_role(clues.rising, chosen)
-            if not _has_meaning(split_header(own[k])[0])
-        ]
-        if len(rising) == 1:
-            columns["t"] = own[rising[0]]
-        else:
-            del columns["t"]
-            mend = {"columns": columns, "rate": ...} if columns else {"rate": ...}
-    return mend
+    if columns.get("t") is not ...:
+        return {"columns": columns}
+    rising = [headings[k].strip() for k in _without_role(clues.rising, chosen)]
+    clocks = [h for h in rising if not _has_meaning(split_header(h)[0])]
+    if len(clocks) == 1:
+        columns["t"] = clocks[0]
+        return {"columns": columns}
+    del columns["t"]
+    return {"columns": columns, "rate": ...} if columns else {"rate": ...}
 
 
-def _is_other_channel(name: str) -> bool:
+def _may_be_in_order(missing: Mapping[str, str], headings: list[str], clues: Clues) -> bool:
+    """Whether columns may be the missing roles one by one, as those without headings are."""
+    if not 1 < len(missing) == len(headings) == len({*headings}):
+        return False
+    return "t" not in missing or clues.rising[:1] == (0,)
+
+
+def _is_other_channel(heading: str) -> bool:
     """Whether a heading names a channel, and does not by its letter: T may be a torque."""
-    return bool(parse_heading(name)[0]) and len(name.strip()) > 1
+    name = split_header(heading)[0]
+    return bool(parse_heading(name).role) and len(name.strip()) > 1
 
 
 def _checked_columns(columns: Any) -> Mapping[str, str | int | None]:
@@ -507,7 +555,7 @@ def _checked_columns(columns: Any) -> Mapping[str, str | int | None]:
 
 def _suggest_channel(heading: Any) -> str:
     """The channel that the heading of a column names, for the end of a message."""
-    role = parse_heading(split_header(str(heading))[0])[0]
+    role = parse_heading(split_header(str(heading))[0]).role
     return f". Did you mean {role!r}, the channel that {heading!r} is?" if role else ""
 
 
@@ -532,7 +580,7 @@ def _of_joint(names: list[str], joint: str, where: str) -> list[str]:
         )
     out = []
     for name in names:
-        if parse_heading(name)[0] == "t" or (pattern.search(name) and joint.isdigit()):
+        if parse_heading(name).role == "t" or (pattern.search(name) and joint.isdigit()):
             out.append(name)
         else:
             out.append(pattern.sub("", name).strip(" _./:()[]-") * bool(pattern.search(name)))
@@ -541,8 +589,8 @@ def _of_joint(names: list[str], joint: str, where: str) -> list[str]:
 
 def _same_joint(role: str, names: list[str], chosen: Mapping[str, int]) -> list[int]:
     """Columns of a role, of the joint of which others were chosen where it has one."""
-    joints = {joint for k in chosen.values() if (joint := parse_heading(names[k])[2])}
-    own = [name if parse_heading(name)[2] in joints else "" for name in names]
+    joints = {joint for k in chosen.values() if (joint := parse_heading(names[k]).joint)}
+    own = [name if parse_heading(name).joint in joints else "" for name in names]
     return columns_by_name(role, own) or columns_by_name(role, names)
 
 
@@ -550,7 +598,7 @@ def current_heading(headings: list[str], chosen: Mapping[str, int]) -> str:
     """Heading of the drive if it names a current, else nothing."""
     heading = headings[chosen["u"]].strip() if "u" in chosen else ""
     name = split_header(heading)[0]
-    usual = parse_heading(name)[1] or name.casefold()
+    usual = parse_heading(name).usual or name.casefold()
     words = re.split(r"[_.]", usual)
     named = any(
         one in words or (one in usual and (len(one) > 2 or not one.isascii()))
@@ -565,7 +613,7 @@ def left_out(headings: list[str], chosen: Mapping[str, int]) -> tuple[str, ...]:
     notes = [f"left out: {_list_headings(rest)}"] if rest else []
     for heading in rest:
         name, unit = split_header(heading)
-        role = parse_heading(name)[0]
+        role = parse_heading(name).role
         if role in EXTRAS and role not in chosen and unit and known_unit(unit) is None:
             notes.append(
                 f"the unit of {heading.strip()!r} is not known; to read it, "
@@ -581,9 +629,9 @@ def guess_notes(headings: list[str], chosen: Mapping[str, int], wanted: Wanted) 
         heading = headings[chosen[role]].strip()
         name, unit = split_header(heading)
         found = known_unit(unit)
-        if wanted.joint is not None or parse_heading(name)[0] == role:
+        if wanted.joint is not None or parse_heading(name).role == role:
             continue
-        if _SYMBOLS.get(name.strip().casefold()) == role:
+        if _symbol_role(name) == role:
             notes.append(f"{heading!r} taken as {role}: by its letter")
         elif found is not None:
             notes.append(f"{heading!r} taken as {role}: the only column in a unit of {found.kind}")
@@ -634,18 +682,19 @@ def columns_by_name(role: str, names: list[str]) -> list[int]:
     """Columns of the first group of usual names of which there are any; plain names go first."""
     means = [parse_heading(n) for n in names]
     for plain in (True, False):
-        for usual in NAMES[role]:
-            found = [k for k, (of, name, _) in enumerate(means) if of == role and name in usual]
+        for group in NAMES[role]:
+            found = [k for k, one in enumerate(means) if one.role == role and one.usual in group]
             if plain:
-                found = [k for k in found if _is_plain(names[k], *means[k][1:])]
+                found = [k for k in found if _is_plain(names[k], means[k])]
             if found:
-                exact = [k for k in found if normalize_heading(names[k]) == means[k][1]]
+                exact = [k for k in found if normalize_heading(names[k]) == means[k].usual]
                 return exact or found
     return []
 
 
-def _is_plain(name: str, usual: str, joint: str) -> bool:
+def _is_plain(name: str, meaning: Meaning) -> bool:
     """Whether a heading is a usual name, with nothing but its joint behind: pos_x, q3."""
+    _, usual, joint = meaning
     own = (usual, f"{usual}{joint}", f"{usual}_{joint}")
     return normalize_heading(name) in own or name.casefold() == usual
 
@@ -672,11 +721,7 @@ def to_si(found: Channels, gain: Gain, declared: Any = None) -> Channels:
     """Channels in SI units with the gains applied; `declared`: units as stored or of products."""
     scaling = Scaling.of(gain)
     said_units = units_by_role(declared)
-    for key in scaling.gain:
-        if key not in found.values:
-            raise ValueError(
-                f"gain: {found.where} has no channel {key!r}; it has {', '.join(found.values)}"
-            )
+    _check_gain_channels(scaling, found)
     values = dict(found.values)
     units = {}
     notes = [*found.notes]
@@ -700,17 +745,36 @@ def to_si(found: Channels, gain: Gain, declared: Any = None) -> Channels:
     if found.current and not {"u"} & {*units, *scaling.gain}:
         units["u"] = "A"
         notes.append(f"u is in A: {found.current!r} is a current")
-        warn(
-            f"{found.where}: {found.current!r} is a current, not a force, and is taken in amperes: "
-            "give what one makes, gain=dfc.Scaling(torque_constant=...) [N m/A] or "
-            'force_constant= [N/A], or state another unit, units={"u": "..."}'
-        )
-    if (r := units.pop("reference", "")) and "x" in units and r != units["x"]:
+        _warn_of_current(found)
+    _check_reference_unit(units.pop("reference", ""), units.get("x", ""), found.where)
+    return replace(found, values=values, units=units, notes=tuple(notes), raw=raw, quantum=quantum)
+
+
+def _check_gain_channels(scaling: Scaling, found: Channels) -> None:
+    """Refuse the gain of a channel that is not there."""
+    for key in scaling.gain:
+        if key not in found.values:
+            raise ValueError(
+                f"gain: {found.where} has no channel {key!r}; it has {', '.join(found.values)}"
+            )
+
+
+def _warn_of_current(found: Channels) -> None:
+    """Tell of a drive that is a current, and of which the caller does not say what one makes."""
+    warn(
+        f"{found.where}: {found.current!r} is a current, not a force, and is taken in amperes: "
+        "give what one makes, gain=dfc.Scaling(torque_constant=...) [N m/A] or "
+        'force_constant= [N/A], or state another unit, units={"u": "..."}'
+    )
+
+
+def _check_reference_unit(reference: str, x: str, where: str) -> None:
+    """Refuse a reference in another unit than the position, where both are known."""
+    if reference and x and reference != x:
         raise ValueError(
-            f"{found.where}: reference is in {r} but x in {units['x']}; they must agree, "
+            f"{where}: reference is in {reference} but x in {x}; they must agree, "
             "or leave it out: columns={'reference': None}"
         )
-    return replace(found, values=values, units=units, notes=tuple(notes), raw=raw, quantum=quantum)
 
 
 def _conversion(

@@ -52,7 +52,7 @@ class TdmsFile(LogFile):
     def _add(self, group: Any, several: bool) -> None:
         """Channels of a group that have a time."""
         every = [one for one in group.channels() if len(one)]
-        times = (one for one in every if parse_heading(split_header(one.name)[0])[0] == "t")
+        times = (one for one in every if parse_heading(split_header(one.name)[0]).role == "t")
         clock = next(times, None)
         for one in every:
             timed = one.path in self._timings

@@ -530,7 +530,7 @@ def _decoded(lines: list[str], delimiter: str | None) -> list[str]:
         cells = (c for line in content.split("\n") for c in _cells(line, delimiter, cut=False))
         parts = [split_header(cell) for cell in cells]
         return sum(
-            bool(channels.parse_heading(name)[0]) + bool(unit and known_unit(unit))
+            bool(channels.parse_heading(name).role) + bool(unit and known_unit(unit))
             for name, unit in parts
         )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing, suppress
 from dataclasses import replace
 from datetime import datetime
@@ -39,6 +39,8 @@ from dryfric_control.store.files import existing_file
 
 _LOOKED_AT = 200  # values that show whether a column only rises
 _SOUND = 0.8  # part of a channel that must be numbers; those that are not are bridged
+#: Units of the EMPS layout, which its file does not have.
+_EMPS_UNITS = {"t": "s", "u": "N", "x": "m", "reference": "m"}
 
 
 def read_channels(
@@ -103,7 +105,7 @@ def _of_file(path: Path, wanted: Wanted) -> Channels:
         return _select_columns(table, start, wanted, listed=True)
     with closing(table):
         try:
-            return _select_columns(table, start, wanted, listed=True)
+            return _select_log_channels(table, start, wanted)
         except RefusalError as problem:
             raise RefusalError(f"{problem}{table.hint}", **problem.mend) from None
 
@@ -135,8 +137,6 @@ def _select_columns(
     named = wanted.columns or {}
     unnamed = all(h.isdigit() for h in headings)  # columns of an array
     known = [""] * len(headings) if unnamed else headings
-    if isinstance(table, LogFile):
-        return _select_log_channels(table, start, wanted)
     chosen = channels.assign_columns(known, wanted, start.where, _clock_clues(table))
     _drop_unusable(chosen, table, headings, named)
     values = {role: table[headings[k]] for role, k in chosen.items()}
@@ -148,19 +148,15 @@ def _select_columns(
             raise ValueError(too_long(start.where, wanted.max_rows))
         if role == "t" and (seconds := _as_seconds(array)) is not None:
             values[role], units[role] = seconds, "s"
-    notes = start.notes
+    found = replace(start, values=values, units=units)
     # The EMPS layout, unless the caller names the input himself.
-    factor = None if "u" in named else _emps_gain(table, headings, chosen)
-    if factor is not None:
-        values["u"] = channels.scale_values(values["u"], factor)
-        usual = {"t": "s", "u": "N", "x": "m", "reference": "m"}
-        units = {role: usual.get(role, unit) for role, unit in units.items()}
-        notes += (f"u = gtau * vir with gtau = {factor:g} N/V",)
+    gain = None if "u" in named else _emps_gain(table, headings, chosen)
+    if gain is not None:
+        found = _emps_channels(found, gain)
     elif listed:
-        notes += channels.left_out(headings, chosen)
-    notes += channels.guess_notes(known, chosen, wanted)
-    current = channels.current_heading(known, chosen)
-    return replace(start, values=values, units=units, notes=notes, current=current)
+        found = replace(found, notes=found.notes + channels.left_out(headings, chosen))
+    notes = found.notes + channels.guess_notes(known, chosen, wanted)
+    return replace(found, notes=notes, current=channels.current_heading(known, chosen))
 
 
 def _emps_gain(
@@ -171,6 +167,14 @@ def _emps_gain(
         return None
     gtau = np.ravel(table.get("gtau", ()))
     return float(gtau[0]) if gtau.size == 1 and gtau.dtype.kind in "iuf" else None
+
+
+def _emps_channels(found: Channels, gain: float) -> Channels:
+    """Channels of the EMPS layout with the force of the drive and their units."""
+    values = {**found.values, "u": channels.scale_values(found.values["u"], gain)}
+    units = {role: _EMPS_UNITS.get(role, unit) for role, unit in found.units.items()}
+    notes = (*found.notes, f"u = gtau * vir with gtau = {gain:g} N/V")
+    return replace(found, values=values, units=units, notes=notes)
 
 
 def _drop_unusable(
@@ -348,14 +352,19 @@ def frame_columns(frame: Any) -> dict[str, Any]:
         series = frame.iloc[:, k] if hasattr(frame, "iloc") else frame[k if arrow else label]
         table[heading] = _column_values(series)
     index = getattr(frame, "index", None)
-    if index is not None and not channels.columns_by_name(
-        "t", [channels.split_header(h)[0] for h in table]
-    ):
-        label = str(index.name) if index.name is not None else "t"
-        timed = bool(channels.columns_by_name("t", [channels.split_header(label)[0]]))
-        if label not in table and (index.dtype.kind in "mMf" or (timed and label.lower() != "t")):
-            table[label if timed else "t"] = _column_values(index)
+    if index is None or _has_time(table):
+        return table
+    label = str(index.name) if index.name is not None else "t"
+    timed = _has_time([label])
+    # Whole numbers without the name of a time count the rows.
+    if label not in table and (index.dtype.kind in "mMf" or (timed and label.lower() != "t")):
+        table[label if timed else "t"] = _column_values(index)
     return table
+
+
+def _has_time(headings: Iterable[str]) -> bool:
+    """Whether there is a column of time by its name."""
+    return bool(channels.columns_by_name("t", [channels.split_header(h)[0] for h in headings]))
 
 
 def _column_values(series: Any) -> Any:

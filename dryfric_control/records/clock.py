@@ -44,6 +44,14 @@ _REPEATED = 0.05
 _UNUSUAL = 0.05
 
 
+class Rounding(NamedTuple):
+    """What stamps were rounded to."""
+
+    step: float  # [s]
+    limit: float  # largest distance of a rounded stamp from the clock [s]
+    kind: str
+
+
 class EvenClock(NamedTuple):
     """Stamps on the even clock that explains them."""
 
@@ -88,27 +96,35 @@ def even_clock(t: Floats) -> EvenClock | None:
     steps = np.diff(t)
     if not _is_jittery(steps, float((t[-1] - t[0]) / (t.size - 1))):
         return None
-    single = single_spacing(t)
-    rounding = single or _decimal_spacing(t)
-    if not rounding or not (single or _rounded_often(steps, rounding)):
+    rounding = _rounding(t, steps)
+    if rounding is None:
         return None
-    limit = (_ROUNDED_SINGLE if single else _ROUNDED) * rounding
     numbers = np.arange(t.size, dtype=np.float64)
     rate, off = _line(numbers, t)
-    if off > limit and rate > 2.0 * rounding and float(np.median(steps)) > 0.0:
+    if off > rounding.limit and rate > 2.0 * rounding.step and float(np.median(steps)) > 0.0:
         # Steps longer than twice the rounding count the samples that are not there.
         numbers = _sample_numbers(t, steps)
         rate, off = _line(numbers, t)
-    if off > limit:
+    if off > rounding.limit:
         return None
-    dt = round_within(rate, 4.0 * rounding / numbers[-1])
+    dt = round_within(rate, 4.0 * rounding.step / numbers[-1])
     lost = round(float(numbers[-1])) + 1 - t.size
-    kind = "in single precision" if single else "rounded"
     note = (
-        f"t is {kind}, to {rounding:.2g} s: put on the clock of {dt:.6g} s that fits all stamps "
-        f"within {off:.2g} s, {lost or 'no'} sample{'s' * (lost != 1)} lost"
+        f"t is {rounding.kind}, to {rounding.step:.2g} s: put on the clock of {dt:.6g} s that fits "
+        f"all stamps within {off:.2g} s, {lost or 'no'} sample{'s' * (lost != 1)} lost"
     )
     return EvenClock(t[0] + dt * numbers, note)
+
+
+def _rounding(t: Floats, steps: Floats) -> Rounding | None:
+    """The rounding of stamps in single precision or decimals, None where they show neither."""
+    single = single_spacing(t)
+    if single:
+        return Rounding(single, _ROUNDED_SINGLE * single, "in single precision")
+    decimal = _decimal_spacing(t)
+    if decimal and _rounded_often(steps, decimal):
+        return Rounding(decimal, _ROUNDED * decimal, "rounded")
+    return None
 
 
 def _is_jittery(steps: Floats, mean: float) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -989,12 +990,12 @@ def _check_effects(effects: tuple[Effect, ...]) -> None:
                 f"[dfc.effects.Spring(stiffness=200.0)], got {effect!r}"
             )
     for action in WITH_STATE:
-        alike = [effect.slug for effect in effects if effect.action == action]
+        alike = _effect_names(effects, action)
         if len(alike) > 1:
             mend = "keep one" if action in ELASTIC else "add them up"
             raise ValueError(f"effects holds more than one {action} ({', '.join(alike)}): {mend}")
-    memories = [effect.slug for effect in effects if effect.action == "memory"]
-    elastic = [effect.slug for effect in effects if effect.action in ELASTIC]
+    memories = _effect_names(effects, "memory")
+    elastic = _effect_names(effects, *ELASTIC)
     if memories and elastic:
         raise ValueError(
             f"effects holds states of {' and '.join(memories)} beside {' and '.join(elastic)}: "
@@ -1003,6 +1004,11 @@ def _check_effects(effects: tuple[Effect, ...]) -> None:
     for effect in effects:
         if effect.action == "memory":
             _check_limits(effect)
+
+
+def _effect_names(effects: tuple[Effect, ...], *actions: str) -> list[str]:
+    """Names of the effects of some actions."""
+    return [effect.slug for effect in effects if effect.action in actions]
 
 
 def _check_limits(effect: Effect) -> None:
@@ -1084,33 +1090,62 @@ def _state_room(integers: list[int]) -> int:
     return n + BLOCKS * (n + 2) + integers[axis_step.N_COPIED] if n else 0
 
 
+class _Laws(NamedTuple):
+    """Effects of an axis by what their laws add to, in the order of the arrays."""
+
+    inputs: list[Effect]
+    forces: list[Effect]
+    levels: list[Effect]
+    readings: list[Effect]
+
+    @classmethod
+    def from_axis(cls, axis: FrictionAxis) -> _Laws:
+        """Laws of an axis, those that steps treat alike side by side."""
+        by_action: defaultdict[str, list[Effect]] = defaultdict(list)
+        for effect in axis.effects:
+            action = effect.adds_to if effect.action == "memory" else effect.action
+            by_action[action].append(effect)
+        forces = sorted(by_action["force"], key=lambda effect: effect.depends_on_speed)
+        # A share of the level, by place or time, is a share of the level of each direction.
+        levels = sorted(
+            by_action["friction"],
+            key=lambda e: (not e.within_peak, e.by_drive, not e.depends_on_direction),
+        )
+        return cls(by_action["input"], forces, levels, by_action["reading"])
+
+    @property
+    def effects(self) -> list[Effect]:
+        """All of them in one list."""
+        return [*self.inputs, *self.forces, *self.levels, *self.readings]
+
+
+def _friction_mass(inner: Inner) -> float:
+    """Share of the mass on which friction acts, where there are two."""
+    return 1.0 - inner.load_fraction if inner.motor_rubs else inner.load_fraction
+
+
+def _transmitted_mass(inner: Inner, loaded: int) -> float:
+    """Share of the mass that the transmission moves; `loaded`: levels that depend on its load."""
+    is_behind = inner.half_gap > 0.0 and not inner.motor_rubs
+    return inner.load_fraction if is_behind and loaded else 1.0
+
+
 @functools.lru_cache(maxsize=1024)
 def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
     axis = axis.effective()
-    by_action: dict[str, list[Effect]] = {
-        action: [] for action in ("input", "force", "friction", "reading")
-    }
-    for effect in axis.effects:
-        action = effect.adds_to if effect.action == "memory" else effect.action
-        by_action.get(action, []).append(effect)
-    forces = sorted(by_action["force"], key=lambda effect: effect.depends_on_speed)
-    # A share of the level, by place or time, is a share of the level of each direction.
-    levels = sorted(
-        by_action["friction"],
-        key=lambda e: (not e.within_peak, e.by_drive, not e.depends_on_direction),
-    )
-    laws = [*by_action["input"], *forces, *levels, *by_action["reading"]]
+    laws = _Laws.from_axis(axis)
+    effects = laws.effects
     inner = inner_of(axis)
-    rubbing = 1.0 - inner.load_fraction if inner.motor_rubs else inner.load_fraction
-    loaded = sum(effect.depends_on_load for effect in levels)
-    corners = input_corners(by_action["input"])
-    slopes = {
-        effect: effect.slopes(axis, _usual_speed(axis, inner)) for effect in (*forces, *levels)
-    }
+    friction_mass = _friction_mass(inner)
+    loaded = sum(effect.depends_on_load for effect in laws.levels)
+    corners = input_corners(laws.inputs)
+    usual = _usual_speed(axis, inner)
+    slopes = {effect: effect.slopes(axis, usual) for effect in (*laws.forces, *laws.levels)}
     edges = _edges(axis)
+    states = sum(len(effect.states) for effect in effects)
     numbers = [
-        *_base_numbers(axis, inner, rubbing),
-        rubbing if inner.half_gap > 0.0 and loaded and not inner.motor_rubs else 1.0,
+        *_base_numbers(axis, inner, friction_mass),
+        _transmitted_mass(inner, loaded),
         inner.bristles,
         0.0,
         0.0,
@@ -1118,34 +1153,34 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
         *axis.coulomb.minus,
     ]
     history = _history_length(axis, inner, dt)
-    structure = _structure_flags(inner, any(effect.states for effect in laws))
+    structure = _structure_flags(inner, states > 0)
     integers = [
         SWITCHING[axis.switching],
         len(axis.coulomb.plus),
         len(axis.coulomb.minus),
-        len(by_action["input"]),
-        len(forces),
-        sum(not effect.depends_on_speed for effect in forces),
-        len(levels),
+        len(laws.inputs),
+        len(laws.forces),
+        sum(not effect.depends_on_speed for effect in laws.forces),
+        len(laws.levels),
         history,
         structure,
         0,
         *(_task_addresses(structure) if moved else (0, 0)),
-        sum(effect.within_peak for effect in levels),
-        len(by_action["reading"]),
+        sum(effect.within_peak for effect in laws.levels),
+        len(laws.readings),
         loaded,
         len(corners),
         len(numbers),
-        sum(effect.by_drive for effect in levels),
+        sum(effect.by_drive for effect in laws.levels),
         sum(math.isfinite(slope.bend) for slope in slopes.values()),
         len(edges),
-        sum(len(effect.states) for effect in laws),
-        axis_step.LAWS + 2 * len(laws),
+        states,
+        axis_step.LAWS + 2 * len(effects),
         0,
     ]
     numbers += [*corners, *edges]
     rows: list[int] = []
-    for k, effect in enumerate(laws):
+    for k, effect in enumerate(effects):
         numbers += slopes.get(effect, Slopes()).within_range()
         integers += [law_address(type(effect)), len(numbers)]
         numbers += effect.values
@@ -1153,7 +1188,7 @@ def _arrays(axis: FrictionAxis, dt: float, moved: bool) -> Arrays:
     integers[axis_step.N_COPIED] = len(numbers)
     integers += rows
     if _has_transmission(inner):
-        _append_load_side(numbers, integers, inner, rubbing)
+        _append_load_side(numbers, integers, inner, friction_mass)
     result = Arrays(
         np.array(numbers, dtype=float),
         np.array(integers, dtype=np.int64),

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
 from typing import Any, NamedTuple, Protocol
 
@@ -127,36 +128,49 @@ def by_law(effect: EffectClass, view: View) -> Iterator[Column]:
     """Columns of an effect over a grid of its parameters, from its law."""
     if effect.states:
         # What it does follows from the whole motion before: each shape is simulated.
-        shapes = itertools.product(*(_state_parts(item, view) for item in fields(effect)))
-        for shape in itertools.islice(shapes, _MOST_SHAPES):
-            names = (item.name for item in fields(effect))
-            yield simulated_column(**dict(zip(names, shape, strict=True)))
+        for shape in _shapes({item.name: _state_parts(item, view) for item in fields(effect)}):
+            yield simulated_column(**shape)
         return
     grid = {item.name: _parts(item, view) for item in fields(effect)}
     middle = {name: values[len(values) // 2] for name, values in grid.items()}
-    linear = None
+    linear = _linear_parameter(effect, middle, view)
+    positive = True
+    if linear is not None:
+        grid[linear] = [middle[linear]]
+        positive = effect.parameters()[linear]["bounds"][0] >= 0.0
+    for shape in _shapes(grid):
+        force = effect_contribution(effect, shape, view)
+        values = functools.partial(_linear_values, shape, linear)
+        if not np.any(force) or not np.isfinite(force).all():
+            yield simulated_column(**shape)
+        elif effect.action == "reading":
+            yield Column(values, (), (force,), positive)
+        else:
+            yield Column(values, (force,), (), positive)
+
+
+def _shapes(grid: Mapping[str, Sequence[float]]) -> Iterator[dict[str, float]]:
+    """Values of an effect at the points of a grid, as far as they are tried."""
+    for point in itertools.islice(itertools.product(*grid.values()), _MOST_SHAPES):
+        yield dict(zip(grid, point, strict=True))
+
+
+def _linear_parameter(effect: EffectClass, middle: dict[str, float], view: View) -> str | None:
+    """The first parameter that an effect is proportional to, None where it is to none."""
     for name, value in middle.items():
         one, two = (
             effect_contribution(effect, middle | {name: f * value}, view) for f in (1.0, 2.0)
         )
-        if linear is None and np.any(one) and np.allclose(two, 2.0 * one, rtol=1e-6):
-            linear, grid[name] = name, [value]
-    low = {item.name: item.metadata["bounds"][0] for item in fields(effect)}
-    for values in itertools.islice(itertools.product(*grid.values()), _MOST_SHAPES):
-        given = dict(zip(grid, values, strict=True))
-        force = effect_contribution(effect, given, view)
-        if not np.any(force) or not np.isfinite(force).all():
-            yield simulated_column(**given)
-            continue
+        if np.any(one) and np.allclose(two, 2.0 * one, rtol=1e-6):
+            return name
+    return None
 
-        def values_of(c: Sequence[float], given: dict[str, float] = given) -> dict[str, float]:
-            return given if linear is None else given | {linear: float(c[0]) * given[linear]}
 
-        positive = linear is None or low[linear] >= 0.0
-        if effect.action == "reading":
-            yield Column(values_of, (), (force,), positive)
-        else:
-            yield Column(values_of, (force,), (), positive)
+def _linear_values(
+    shape: dict[str, float], linear: str | None, c: Sequence[float]
+) -> dict[str, float]:
+    """Values of a shape for the coefficient of the parameter that it is proportional to."""
+    return shape if linear is None else shape | {linear: float(c[0]) * shape[linear]}
 
 
 def _parts(item: Any, view: View) -> list[float]:

@@ -281,38 +281,40 @@ def checked_loads(
     mend: str = "give load=...",
 ) -> dict[str, float]:
     """Inertia that the bodies bring, by joint: as given, as a result knows it, or as computed."""
-    loads: dict[str, float] = {}
-    known = getattr(result, "body_inertia", None)
-    if load is None and known is not None:
-        loads = {name: known[name] for name in joints}
-    elif isinstance(load, Mapping):
-        for name in load:
-            if name not in joints:
-                raise ValueError(
-                    f"load names joint {name!r}: it must be one of {', '.join(map(repr, joints))}"
-                )
-        loads = {n: positive(f"load[{n!r}]", one, zero=True) for n, one in load.items()}
-    elif load is not None:
-        loads = dict.fromkeys(joints, positive("load", load, unit="kg m^2", zero=True))
-    coupled = [
-        name for name, joint in joints.items()
-        if name not in loads and any("load" in record.channels for record in joint.records)
-    ]  # fmt: skip
-    if coupled:
-        raise ValueError(
-            f"load of joint {coupled[0]!r} is not given: beside the known load of its record the "
-            "axis has the mean inertia over the motion, which is not that of one pose: give load="
-            "records.body_inertia of the ArmRecords that were fitted, or numbers of your own"
-        )
-    if any(name not in loads for name in joints):
+    loads = _given_loads(load, result, joints)
+    missing = [name for name in joints if name not in loads]
+    for name in missing:
+        if any("load" in record.channels for record in joints[name].records):
+            raise ValueError(
+                f"load of joint {name!r} is not given: beside the known load of its record the "
+                "axis has the mean inertia over the motion, which is not that of one pose: give "
+                "load=records.body_inertia of the ArmRecords that were fitted, or numbers of your "
+                "own"
+            )
+    if missing:
         loads = computed() | loads
-    for name in joints:
+    for name in missing:
         if name not in loads:
             raise ValueError(
                 f"load of joint {name!r} is not given, the inertia that the bodies of the model "
                 f"have about it: {mend} (0.0 where mass is the armature alone)"
             )
     return loads
+
+
+def _given_loads(load: Any, result: Any, joints: Mapping[str, Joint]) -> dict[str, float]:
+    """Inertia of bodies by joint as a caller gives it, or else as a result knows it."""
+    known = getattr(result, "body_inertia", None)
+    if load is None:
+        return {} if known is None else {name: known[name] for name in joints}
+    if not isinstance(load, Mapping):
+        return dict.fromkeys(joints, positive("load", load, unit="kg m^2", zero=True))
+    for name in load:
+        if name not in joints:
+            raise ValueError(
+                f"load names joint {name!r}: it must be one of {', '.join(map(repr, joints))}"
+            )
+    return {n: positive(f"load[{n!r}]", one, zero=True) for n, one in load.items()}
 
 
 def _check_velocities(velocities: ArrayLike | None) -> Floats | None:

@@ -163,9 +163,7 @@ def _in_file(
     mend = "give load=..., or install mujoco, which computes it"
     if refused:
         mend = f"give load=..., as {refused}"
-    names = {name: [name] for name in joints}
-    if there is not None:
-        names = {n: engine.copies(there, n, file.separators(n)) or [n] for n in joints}
+    names = _copy_names(file, joints, there)
     loads = joint_values.checked_loads(
         load, result, joints, lambda: _body_inertias(there, names), mend
     )
@@ -178,9 +176,8 @@ def _in_file(
     edits = []
     said = list(_override_notes(file, joints, there, names))
     for name, values in found.values.items():
-        stiffness = None
-        if there is not None and file.has_springdamper(name):
-            stiffness = float(np.ravel(there.jnt_stiffness[there.joint(names[name][0]).id])[0])
+        has_spring = there is not None and file.has_springdamper(name)
+        stiffness = engine.joint_stiffness(there, names[name][0]) if has_spring else None
         edits.append(file.joint_edit(name, values, options.stiff, stiffness))
     edits += file.actuator_edits(found.values)
     if options.noslip_iterations is not None:
@@ -206,6 +203,13 @@ def _joints(result: Any, joint: Any, kinds: Mapping[str, Any]) -> dict[str, Join
     return joints
 
 
+def _copy_names(file: Mjcf, joints: Mapping[str, Joint], there: Any) -> dict[str, list[str]]:
+    """Names of each joint of a file in MuJoCo, several where it stands in <replicate> elements."""
+    if there is None:
+        return {name: [name] for name in joints}
+    return {n: engine.copies(there, n, file.separators(n)) or [n] for n in joints}
+
+
 def _body_inertias(there: Any, names: Mapping[str, list[str]]) -> dict[str, float]:
     """Inertia of the bodies about joints, by MuJoCo."""
     if there is None:
@@ -219,10 +223,15 @@ def _override_notes(
     """What of the file overrides values, and what becomes of it."""
     for name in joints:
         if file.has_springdamper(name):
-            spring = "its stiffness stays" if there is not None else "its spring goes with it"
-            yield f"{name}: springdamper, which overrides damping, is taken off; {spring}"
+            yield _springdamper_note(name, there is not None)
         if len(names[name]) > 1:
             yield f"{name}: one of {len(names[name])} copies, which all have these values"
+
+
+def _springdamper_note(joint: str, keeps_stiffness: bool) -> str:
+    """What becomes of a springdamper."""
+    spring = "its stiffness stays" if keeps_stiffness else "its spring goes with it"
+    return f"{joint}: springdamper, which overrides damping, is taken off; {spring}"
 
 
 def _read_back(
@@ -322,15 +331,22 @@ def _with_bench(
     return replace(found, notes=notes, free_runs=runs)
 
 
+def _is_compiled(model: Any) -> bool:
+    """Whether a model in MuJoCo is compiled; refuses what is none."""
+    if hasattr(model, "dof_frictionloss"):
+        return True
+    if hasattr(model, "joints") and hasattr(model, "compile"):
+        return False
+    raise ValueError(
+        f"model must be the path of an MJCF file, a mujoco.MjSpec or a mujoco.MjModel, got "
+        f"{model!r}"
+    )
+
+
 def _in_model(
     result: Any, model: Any, joint: Any, load: Any, velocities: Any, options: _Options
 ) -> SimulatorValues:
-    compiled = hasattr(model, "dof_frictionloss")
-    if not compiled and not (hasattr(model, "joints") and hasattr(model, "compile")):
-        raise ValueError(
-            f"model must be the path of an MJCF file, a mujoco.MjSpec or a mujoco.MjModel, got "
-            f"{model!r}"
-        )
+    compiled = _is_compiled(model)
     made = model if compiled else model.copy().compile()
     kinds = {name: kind for name, kind in engine.joint_kinds(made).items() if name}
     joints = _joints(result, joint, kinds)
@@ -350,11 +366,8 @@ def _in_model(
             continue
         one = model.joint(name)
         if np.all(np.asarray(one.springdamper) > 0.0):
-            said.append(f"{name}: springdamper, which overrides damping, is taken off; its "
-                        "stiffness stays")  # fmt: skip
-            stiffness = float(np.ravel(made.jnt_stiffness[made.joint(name).id])[0])
-            one.stiffness = [stiffness, 0.0, 0.0] if np.ndim(one.stiffness) else stiffness
-            one.springdamper = [0.0, 0.0]
+            said.append(_springdamper_note(name, True))
+            engine.put_stiffness(one, engine.joint_stiffness(made, name))
         engine.put_in_spec(model, name, values, options.solver_parameters)
     if options.noslip_iterations is not None:
         (model.opt if compiled else model.option).noslip_iterations = options.noslip_iterations

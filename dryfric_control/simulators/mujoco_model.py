@@ -183,6 +183,18 @@ def put(model: Any, joint: str, values: Mapping[str, Any], soft: Mapping[str, st
         model.dof_solimp[at][:3] = _numbers(soft["solimpfriction"])
 
 
+def joint_stiffness(model: Any, joint: str) -> float:
+    """Stiffness of the spring of a joint in a compiled model."""
+    return float(np.ravel(model.jnt_stiffness[model.joint(joint).id])[0])
+
+
+def put_stiffness(joint: Any, stiffness: float) -> None:
+    """Give a joint of a specification a stiffness in place of its springdamper."""
+    # Some versions of MuJoCo have a polynomial here.
+    joint.stiffness = [stiffness, 0.0, 0.0] if np.ndim(joint.stiffness) else stiffness
+    joint.springdamper = [0.0, 0.0]
+
+
 def put_in_spec(spec: Any, joint: str, values: Mapping[str, Any], soft: Mapping[str, str]) -> None:
     """Set the numbers of a joint in a specification."""
     one = spec.joint(joint)

@@ -85,19 +85,10 @@ def why_not_this_log(
         How well masses and friction explain the drives.
     """
     wrong = wrong_scales(scales)
-    impossible = [
-        one for one in errors
-        if one.kind in ("mass", "payload") and one.value < (_LEAST if one.kind == "mass" else 0.0)
-    ]  # fmt: skip
-    if not wrong and len(unlikely) < _LINKS and not impossible:
+    if not wrong and len(unlikely) < _LINKS and not any(map(_has_impossible_mass, errors)):
         return ""
-    most = remains(records).part - _MEANT
-    tried = [(remains(one.records), one.words) for one in _readings(records, wrong)]
-    found = [(left.part, words) for left, words in tried if left.likely and left.part < most]
-    if found:
-        best = min(found)[0]
-        words = " or ".join(words for part, words in found if part < best + _ALONE)
-        return f"the log fits the model if {words}"
+    if words := _better_readings(records, wrong, remains):
+        return f"the log fits the model if {' or '.join(words)}"
     off = [
         f"{one.link} {100.0 * (one.value - 1.0):+.0f} %" for one in errors
         if one.kind == "mass" and one.named
@@ -107,6 +98,24 @@ def why_not_this_log(
         f"the log does not fit the model, or only{masses}: is it of another robot, or are columns, "
         "units, signs or zeros of joints other ones?"
     )
+
+
+def _has_impossible_mass(error: ModelError) -> bool:
+    """Whether no arm has the mass of a link, or of the payload, that an error makes."""
+    if error.kind == "mass":
+        return error.value < _LEAST
+    return error.kind == "payload" and error.value < 0.0
+
+
+def _better_readings(
+    records: ArmRecords, wrong: Sequence[Scale], remains: Callable[[ArmRecords], Remains]
+) -> list[str]:
+    """Words of the readings that leave much less of the drives, none if none does."""
+    most = remains(records).part - _MEANT
+    tried = [(remains(one.records), one.words) for one in _readings(records, wrong)]
+    found = [(left.part, words) for left, words in tried if left.likely and left.part < most]
+    best = min((part for part, _ in found), default=0.0)
+    return [words for part, words in found if part < best + _ALONE]
 
 
 def undirected_joints(

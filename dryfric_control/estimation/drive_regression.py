@@ -19,8 +19,10 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction import CoulombMap
 from dryfric_control.records.record import Record
 
-#: Places of columns that may be left out.
-VISCOUS, CONSTANT = 1, 3
+#: Column of the velocity, which may be left out.
+VISCOUS = 1
+#: Column of the constant force, which may be left out.
+CONSTANT = 3
 # Rounds of mass and of the smoothing that its noise asks for.
 _ROUNDS = 3
 # Samples of smoothed motion that are needed.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -128,35 +129,16 @@ def record_doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -
     """
     axis = axis.effective()
     found = []
-    low = float(record.x.min())
-    high = float(record.x.max())
-    length, force = axis.units
-    if axis.travel is not None:
-        room = _MAX_OVERSHOOT * (axis.travel[1] - axis.travel[0])
-        if low < axis.travel[0] - room or high > axis.travel[1] + room:
-            found.append(
-                Doubt(
-                    f"positions run from {low:.4g} to {high:.4g} {length}, the axis' travel is "
-                    f"{axis.travel[0]:.4g} to {axis.travel[1]:.4g} {length}: is x in another unit, "
-                    'such as mm (then read_record(..., units={"x": "mm"})), or counted from '
-                    "elsewhere?"
-                )
-            )
+    if outside := _positions_outside(axis, record):
+        found.append(Doubt(outside))
     strongest = float(np.abs(record.u).max())
     if strongest == 0.0:
         return found  # something else moves it: nothing is known of the drive
     shown = _drive_regression(record)
     if shown is not None and shown.exchange:
         return [*found, Doubt(shown.exchange, shown.exchange)]
-    energy = energy_message(record, axis.units)
-    if energy:
-        found.append(Doubt(energy, _wrong_sign(axis, shown)))
     scaled = gain_free or any(effect.slug == "input_gain" for effect in axis.effects)
-    unit = "" if scaled else _wrong_unit(axis, record, shown)
-    if unit:
-        found.append(Doubt(unit, unit))
-    elif weak := _weak_drive(axis, record, strongest, scaled):
-        found.append(Doubt(weak))
+    found += _drive_doubts(axis, record, shown, strongest, scaled)
     fast = fast_speed(record)
     if slow := _slow_motion(axis, fast):
         found.append(Doubt(slow, slow if fast < axis.stick_speed else ""))
@@ -164,6 +146,42 @@ def record_doubts(axis: FrictionAxis, record: Record, gain_free: bool = False) -
         # No proof: an axis whose mass and friction are those of the record may be in other units.
         found.append(Doubt(text))
     return found
+
+
+def _positions_outside(axis: FrictionAxis, record: Record) -> str:
+    """What to say of positions far outside the travel of the axis; empty if there are none."""
+    if axis.travel is None:
+        return ""
+    start, end = axis.travel
+    low = float(record.x.min())
+    high = float(record.x.max())
+    room = _MAX_OVERSHOOT * (end - start)
+    if start - room <= low and high <= end + room:
+        return ""
+    length = axis.units[0]
+    return (
+        f"positions run from {low:.4g} to {high:.4g} {length}, the axis' travel is "
+        f"{start:.4g} to {end:.4g} {length}: is x in another unit, "
+        'such as mm (then read_record(..., units={"x": "mm"})), or counted from elsewhere?'
+    )
+
+
+def _drive_doubts(
+    axis: FrictionAxis,
+    record: Record,
+    shown: DriveRegression | None,
+    strongest: float,
+    scaled: bool,
+) -> Iterator[Doubt]:
+    """What speaks against sign and unit of the drive; `scaled`: whether it has a gain."""
+    energy = energy_message(record, axis.units)
+    if energy:
+        yield Doubt(energy, _wrong_sign(axis, shown))
+    unit = "" if scaled else _wrong_unit(axis, record, shown)
+    if unit:
+        yield Doubt(unit, unit)
+    elif weak := _weak_drive(axis, record, strongest, scaled):
+        yield Doubt(weak)
 
 
 def _weak_drive(axis: FrictionAxis, record: Record, strongest: float, scaled: bool) -> str:

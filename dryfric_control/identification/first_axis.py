@@ -28,6 +28,12 @@ _FAINT = 0.1
 # Drive that is left, over the Coulomb level, from which on its cause may matter.
 _LEFT = 0.05
 _NAMES = ("mass", "viscous", "coulomb")
+# Why a record may not determine them, and what to do.
+_MENDS = {
+    "mass": "it hardly accelerates, give axis.replace(mass=...) what you know",
+    "viscous": "its velocity hardly changes, or other forces hide it",
+    "coulomb": "it does not slide slowly both ways, or other forces hide it",
+}
 
 
 @documented
@@ -158,21 +164,7 @@ def force_regression(record: RecordLike) -> ForceRegression:
     (2.4, 0.007)
     """
     record = as_record(record)
-    if is_undriven(record):
-        raise ValueError(
-            "record: neither a drive nor a load acts (u = 0), so the motion shows friction only as "
-            "ratios to the mass: give dfc.FrictionAxis(mass=..., viscous=..., coulomb=...) with "
-            "the mass that you know, from which diagnose(axis, record) finds the friction"
-        )
-    length = record.units.get("x")
-    force = record.units.get("u")
-    if (length, force) in (("m", "N m"), ("rad", "N")):
-        turned = "lead= or pinion_radius= [m]" if length == "m" else "pinion_radius= [m]"
-        raise ValueError(
-            f"record: x is in {length!r} and u in {force!r}, which are not those of one axis: give "
-            f"the {turned} of the machine to gain=dfc.Scaling(...) as the file is read"
-            + page_reference("howto/read_csv")
-        )
+    _check_drive(record)
     found = DriveRegression.from_record(record)
     if found.exchange:
         raise ValueError(f"record: {found.exchange}" + page_reference("troubleshooting"))
@@ -207,17 +199,13 @@ def force_regression(record: RecordLike) -> ForceRegression:
         )
     if (fast := speed_message(record)) is not None:
         messages.append(fast)
-    messages += [
-        f"{name} is hardly determined by this record ({parameters[name]:.3g} +- "
-        f"{deviations[name]:.2g}): {mend}"
-        for name, mend in (
-            ("mass", "it hardly accelerates, give axis.replace(mass=...) what you know"),
-            ("viscous", "its velocity hardly changes, or other forces hide it"),
-            ("coulomb", "it does not slide slowly both ways, or other forces hide it"),
-        )
-        if not deviations[name] < _HARDLY * parameters[name]
-        and not (name == "viscous" and VISCOUS in found.out)
-    ]
+    for name, mend in _MENDS.items():
+        is_left_out = name == "viscous" and VISCOUS in found.out
+        if not deviations[name] < _HARDLY * parameters[name] and not is_left_out:
+            messages.append(
+                f"{name} is hardly determined by this record ({parameters[name]:.3g} +- "
+                f"{deviations[name]:.2g}): {mend}"
+            )
     level = max(float(values[2]), float(errors[2]), 1e-12)
     mass = float(values[0])
     if not errors[0] < _HARDLY * mass:
@@ -232,6 +220,25 @@ def force_regression(record: RecordLike) -> ForceRegression:
     return ForceRegression(
         axis, parameters, deviations, float(values[3]), float(values[4]), found.rms, tuple(messages)
     )
+
+
+def _check_drive(record: Record) -> None:
+    """Refuse a record in which nothing drives, or whose force is not one along its position."""
+    if is_undriven(record):
+        raise ValueError(
+            "record: neither a drive nor a load acts (u = 0), so the motion shows friction only as "
+            "ratios to the mass: give dfc.FrictionAxis(mass=..., viscous=..., coulomb=...) with "
+            "the mass that you know, from which diagnose(axis, record) finds the friction"
+        )
+    length = record.units.get("x")
+    force = record.units.get("u")
+    if (length, force) in (("m", "N m"), ("rad", "N")):
+        turned = "lead= or pinion_radius= [m]" if length == "m" else "pinion_radius= [m]"
+        raise ValueError(
+            f"record: x is in {length!r} and u in {force!r}, which are not those of one axis: give "
+            f"the {turned} of the machine to gain=dfc.Scaling(...) as the file is read"
+            + page_reference("howto/read_csv")
+        )
 
 
 def _stick_speed(record: Record, length: str) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import joblib
 import numpy as np
@@ -469,10 +469,10 @@ def maximise_likelihood(
         there = breakaway_search(problem.on(breakaways), np.concatenate((points[0], noises)))
         found = run(joblib.delayed(refine_fit)(z) for z in there)
         ends += tqdm(found, name, len(there), unit="point", disable=not progress)
-    ends = [ends[i] for i in stable_order([one.cost for one in ends], _EQUAL)][:kept]
+    ends = _by_cost(ends)[:kept]
     if few < COMPARISON_ITERATIONS:
         ends = [maximise(one.problem, one.z, COMPARISON_ITERATIONS, again=True) for one in ends]
-    best = ends[stable_order([one.cost for one in ends], _EQUAL)[0]]
+    best = _by_cost(ends)[0]
     if not best.point.out:
         best.problem.at(best.z)  # says why there is no such axis
     last = maximise(best.problem, best.z, FINAL_ITERATIONS, again=True)
@@ -481,6 +481,11 @@ def maximise_likelihood(
         clear = last.problem.on(list(map(away_from_rest, last.problem.runs, last.point.states)))
         last = maximise(clear, last.z, COMPARISON_ITERATIONS, again=True)
     return _result(last, points[0], window, acting)
+
+
+def _by_cost(solutions: Sequence[Solution]) -> list[Solution]:
+    """Solutions, the most likely first; of equal ones the first stays first."""
+    return [solutions[i] for i in stable_order([one.cost for one in solutions], _EQUAL)]
 
 
 def _window(records: Sequence[Record]) -> float:
@@ -569,8 +574,18 @@ def _fit_warnings(found: Solution, first: Floats, z: Floats, force: float) -> It
         )
 
 
-def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
-    """The fit from its end; `acting`: whether a random force acts."""
+class _Estimate(NamedTuple):
+    """Coordinates of a fit and their covariance, and what this is from."""
+
+    z: Floats
+    gradients: Floats  # one row for each block
+    normals: Floats
+    null_directions: Floats  # in which the records determine nothing
+    covariance: Floats
+
+
+def _estimate(found: Solution, first: Floats, acting: bool) -> _Estimate:
+    """The estimate at the end of a search; `acting`: whether a random force acts."""
     problem = found.problem
     count = first.size
     z, low, high = (part[:count] for part in (found.z, problem.low, problem.high))
@@ -586,6 +601,22 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
         # What the record leaves open stays as near to the nominal values as it can.
         basis = np.linalg.qr(away.T)[0]
         z = np.clip(z - basis @ (basis.T @ (z - first)), low, high)
+    return _Estimate(z, gradients, normals, away, covariance)
+
+
+def _correlation(covariance: Floats) -> Floats:
+    """Correlation of estimates; with one that nothing determines it is zero."""
+    spread = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = np.nan_to_num(covariance / np.outer(spread, spread), posinf=0.0, neginf=0.0)
+    np.fill_diagonal(correlation, 1.0)
+    return correlation
+
+
+def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
+    """The fit from its end; `acting`: whether a random force acts."""
+    problem = found.problem
+    z, gradients, normals, away, covariance = _estimate(found, first, acting)
     names = problem.names
     parameters = tuple(problem.parameters)
     axis = problem.axis_at(z)
@@ -595,10 +626,7 @@ def _result(found: Solution, first: Floats, window: float, acting: bool) -> Fit:
     blind = np.any(np.abs(away) > 1e-3, axis=0)
     errors[blind] = np.inf
     covariance[np.diag_indices_from(covariance)] += np.where(blind, np.inf, 0.0)
-    spread = np.sqrt(np.diag(covariance))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        correlation = np.nan_to_num(covariance / np.outer(spread, spread), posinf=0.0, neginf=0.0)
-    np.fill_diagonal(correlation, 1.0)
+    correlation = _correlation(covariance)
     runs = range(len(problem.runs))
     records = [r.record for r in problem.runs]
     force = tuple(found.random_force(i) if acting else 0.0 for i in runs)

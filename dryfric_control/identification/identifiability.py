@@ -162,37 +162,68 @@ def _low_sensitivity_reason(
     name = parameter.name
     if all(map(is_undriven, records)) and name.startswith(("mass", "viscous", "coulomb")):
         return 'no drive acts, so forces show only as ratios to the mass: hold it, known=("mass",)'
-    force = np.sqrt(np.mean(np.concatenate([r.u for r in records]) ** 2))
-    speed = np.concatenate([r.derivatives().v for r in records])
-    way = np.concatenate([directions(r) for r in records])
     if name == "mass":
-        # A longer smoothing: here the noise of the acceleration would count as motion.
-        sizes = [max(r.smoothing_window, samples(0.05, r.dt) // 2 * 2 + 1) for r in records]
-        pairs = zip(records, sizes, strict=True)
-        long = [r.derivatives(min(size, 501, (len(r) - 1) | 1)).a for r, size in pairs]
-        share = axis.mass * np.sqrt(np.mean(np.concatenate(long) ** 2)) / force
-        return (
-            f"the axis hardly accelerates, m a is {percent(share)} of the drive force; "
-            "excite it with quick reversals"
-        )
+        return _low_acceleration(axis, records)
     if name == "viscous":
-        slow, fast = usual_speeds(speed[way != 0])
-        return (
-            f"90 % of the motion is at {slow:.3g} to {fast:.3g} {axis.unit('m/s')}, over which f v "
-            f"changes by {percent(axis.viscous * (fast - slow) / force)} of the drive force; run "
-            "at several velocities, up to the fastest"
-        )
+        return _narrow_speeds(axis, records)
     if name.startswith("coulomb"):
-        for side, s in (("plus", 1), ("minus", -1)):
-            moved = sum(float(np.mean(directions(r) == s)) for r in records) / len(records)
-            if side in name and moved < 0.01:
-                return f"the axis moves in this direction in {percent(moved)} of the samples"
-        return "the drive force is large against it; crawl slowly both ways"
+        return _large_drive(name, records)
     if parameter.breaks_away or name == "stick_rate":
-        slow = axis.stick_speed + (axis.stribeck.speed if axis.stribeck else 0.0)
-        share = float(np.mean((way != 0) & (np.abs(speed) < slow)))
-        return (
-            f"the axis slides below {slow:.3g} {axis.unit('m/s')} in {percent(share)} of the "
-            "samples; crawl slowly, with stops"
-        )
+        return _little_creep(axis, records)
     return "the motion excites it too little"
+
+
+def _drive_rms(records: Sequence[Record]) -> np.float64:
+    """RMS of the drive force in all records, by which numpy may divide where it is zero."""
+    return np.sqrt(np.mean(np.concatenate([r.u for r in records]) ** 2))
+
+
+def _speeds(records: Sequence[Record]) -> tuple[Floats, Floats]:
+    """Velocities in all records, and their directions, 0 at rest."""
+    speeds = np.concatenate([r.derivatives().v for r in records])
+    return speeds, np.concatenate([directions(r) for r in records])
+
+
+def _low_acceleration(axis: FrictionAxis, records: Sequence[Record]) -> str:
+    """Why the mass has little effect."""
+    # A longer smoothing: here the noise of the acceleration would count as motion.
+    sizes = [max(r.smoothing_window, samples(0.05, r.dt) // 2 * 2 + 1) for r in records]
+    pairs = zip(records, sizes, strict=True)
+    long = [r.derivatives(min(size, 501, (len(r) - 1) | 1)).a for r, size in pairs]
+    share = axis.mass * np.sqrt(np.mean(np.concatenate(long) ** 2)) / _drive_rms(records)
+    return (
+        f"the axis hardly accelerates, m a is {percent(share)} of the drive force; "
+        "excite it with quick reversals"
+    )
+
+
+def _narrow_speeds(axis: FrictionAxis, records: Sequence[Record]) -> str:
+    """Why the viscous coefficient has little effect."""
+    speeds, way = _speeds(records)
+    slow, fast = usual_speeds(speeds[way != 0])
+    share = axis.viscous * (fast - slow) / _drive_rms(records)
+    return (
+        f"90 % of the motion is at {slow:.3g} to {fast:.3g} {axis.unit('m/s')}, over which f v "
+        f"changes by {percent(share)} of the drive force; run "
+        "at several velocities, up to the fastest"
+    )
+
+
+def _large_drive(name: str, records: Sequence[Record]) -> str:
+    """Why a Coulomb level has little effect."""
+    for side, s in (("plus", 1), ("minus", -1)):
+        moved = sum(float(np.mean(directions(r) == s)) for r in records) / len(records)
+        if side in name and moved < 0.01:
+            return f"the axis moves in this direction in {percent(moved)} of the samples"
+    return "the drive force is large against it; crawl slowly both ways"
+
+
+def _little_creep(axis: FrictionAxis, records: Sequence[Record]) -> str:
+    """Why a parameter of breakaway has little effect."""
+    speeds, way = _speeds(records)
+    slow = axis.stick_speed + (axis.stribeck.speed if axis.stribeck else 0.0)
+    share = float(np.mean((way != 0) & (np.abs(speeds) < slow)))
+    return (
+        f"the axis slides below {slow:.3g} {axis.unit('m/s')} in {percent(share)} of the "
+        "samples; crawl slowly, with stops"
+    )

@@ -192,10 +192,7 @@ def identify_coulomb(
     >>> found.degrees
     (1, 0)
     """
-    if degree is not None and degree not in range(crawl.HIGHEST + 1):
-        raise ValueError(
-            f"degree must be a whole number from 0 to {crawl.HIGHEST}, or None, got {degree!r}"
-        )
+    _check_degree(degree)
     record = as_record(record)
     if axis is not None:
         instance("axis", axis, FrictionAxis)
@@ -204,7 +201,7 @@ def identify_coulomb(
     _check_both_ways(pieces)
     travel = (float(record.x.min()), float(record.x.max()))
     viscous = mass = None
-    unsure = np.zeros((2, 2))
+    covariance = np.zeros((2, 2))
     fine = crawl.average(record, _FINE)
     if axis is not None:
         pieces = _subtract_known_forces(axis, pieces)
@@ -216,7 +213,7 @@ def identify_coulomb(
             _tell(fine, record, "friction falls with velocity, as within a Stribeck peak")
         viscous = max(viscous, 0.0)
         mass = max(mass, 0.0)
-        unsure = _path_covariance(fine, travel)
+        covariance = _path_covariance(fine, travel)
     else:
         only = f"the velocity varies by {percent(varies)} only (motion slower than {crawl.SLOW:g}"
         _tell(fine, record, f"{only} of the typical velocity is left out)")
@@ -224,17 +221,12 @@ def identify_coulomb(
     held_out: dict[int, Floats] = {}
     fits: dict[int, crawl.Level] = {}
     for s, name in _WAYS.items():
-        own = pieces.direction == s
-        force_there = s * force[pieces.direction == s]
-        fits[s], errors = _fit_level(pieces.select_pieces(own), force_there, travel, degree, name)
+        there = pieces.direction == s
+        own = pieces.select_pieces(there)
+        level, errors = _fit_level(own, s * force[there], travel, degree, name)
         if errors is not None:
             held_out[s] = errors
-        # An error of viscous coefficient or mass is one of the level wherever the axis moves.
-        terms = np.column_stack([pieces.v[own], pieces.rise[own]])
-        place = crawl.inner(pieces.x[own], travel)
-        degree_found = fits[s].coefficients.size - 1
-        shares = legendre.legfit(place, terms, degree_found, w=np.sqrt(pieces.way[own]))
-        fits[s] = replace(fits[s], shared=shares @ unsure @ shares.T)
+        fits[s] = replace(level, shared=_shared_covariance(level, own, travel, covariance))
     found = [Legendre(fits[s].coefficients, travel).convert(kind=Polynomial) for s in _WAYS]
     plus, minus = (tuple(one.coef.tolist()) for one in found)
     units = record.units.get("x", "m"), record.units.get("u", "N")
@@ -253,6 +245,14 @@ def identify_coulomb(
     if warning := result._negative_level():
         warn(warning, FitWarning)
     return result
+
+
+def _check_degree(degree: int | None) -> None:
+    """Refuse what is no degree of a polynomial that may be fitted."""
+    if degree is not None and degree not in range(crawl.HIGHEST + 1):
+        raise ValueError(
+            f"degree must be a whole number from 0 to {crawl.HIGHEST}, or None, got {degree!r}"
+        )
 
 
 def _check_both_ways(pieces: crawl.Pieces) -> None:
@@ -289,6 +289,18 @@ def _fit_level(
             FitWarning,
         )
     return level, errors
+
+
+def _shared_covariance(
+    level: crawl.Level, own: crawl.Pieces, travel: tuple[float, float], covariance: Floats
+) -> Floats:
+    """Covariance of a level from that of viscous coefficient and mass, which both ways share."""
+    # An error of viscous coefficient or mass is one of the level wherever the axis moves.
+    terms = np.column_stack([own.v, own.rise])
+    place = crawl.inner(own.x, travel)
+    degree = level.coefficients.size - 1
+    shares = legendre.legfit(place, terms, degree, w=np.sqrt(own.way))
+    return np.asarray(shares @ covariance @ shares.T)
 
 
 def _tell(pieces: crawl.Pieces, record: Record, what: str) -> None:

@@ -388,7 +388,7 @@ class _Body:
             parameters.append(self.out.declaration(self.parameter(name), _c_name(name)))
         return ", ".join(parameters)
 
-    def translation(self) -> Function:
+    def _settle(self) -> None:
         """Translate until types and unread variables are settled."""
         before: Any = None
         for _ in range(12):
@@ -399,12 +399,20 @@ class _Body:
             if now == before:
                 break
             before = now
+
+    def _comment_lines(self) -> list[str]:
+        """Lines of a comment with the summary of the kernel."""
+        doc = (ast.get_docstring(self.node) or "").split("\n\n")[0]
+        comment = f"/* {' '.join(doc.split())} */" if doc else ""
+        return textwrap.wrap(comment, 97, subsequent_indent="   ", break_on_hyphens=False)
+
+    def translation(self) -> Function:
+        """The function in C."""
+        self._settle()
         used = tuple(n in self.read and n not in self.bound for n in self.parameters)
         returns = self.returns or NOTHING
         shifted = SHIFT in self.read
         given = self._parameter_list(used, shifted)
-        doc = (ast.get_docstring(self.node) or "").split("\n\n")[0]
-        comment = f"/* {' '.join(doc.split())} */" if doc else ""
         if is_erased(returns):
             return Function(self.name, "", returns, used, True, self.cost)
         head = f"static {self.out.declaration(returns, self.name)}({given or 'void'})"
@@ -413,8 +421,7 @@ class _Body:
             for n, kind in self.late.items()
             if n not in self.dead
         ]
-        lines = textwrap.wrap(comment, 97, subsequent_indent="   ", break_on_hyphens=False)
-        lines.append(wrap_lines([head, "{", *self.lines, "}\n"]))
+        lines = [*self._comment_lines(), wrap_lines([head, "{", *self.lines, "}\n"])]
         results = set(self.returned)
         return Function(
             self.name,

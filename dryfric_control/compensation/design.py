@@ -331,67 +331,93 @@ class Compensation(Saved, Result):
         return self.encoder_quantum * abs(float(B[proof.DRIVE, 1]))
 
     def _law(self) -> kernel.Law:
-        axis = self.rigid_axis
-        dt = self.dt
-        w = self.bandwidth
-        switched = self.law in ("learned", "fixed")
-        stribeck = axis.stribeck
-        keep = math.exp(-dt / self.filter_time) if self.filter_time > 0.0 else 0.0
-        rest_speed = 0.1 * self.encoder_quantum or 1e-6 * axis.stick_speed
-        extended = tuned.extended_gains(axis, dt, self.disturbance_bandwidth)
-        most = self.correction * tuned.largest_level(axis)
-        estimates = self.law in ("disturbance observer", "adrc")
         numbers = np.zeros(kernel.LENGTH)
-        values = {
-            kernel.DT: dt,
+        values = (
+            self._loop_values
+            | self._feedforward_values
+            | self._estimator_values
+            | self._rest_values
+        )
+        for place, value in values.items():
+            numbers[place] = value
+        axis = self.rigid_axis
+        own = axis.arrays(self.dt)
+        watched = tuned.observer_arrays(self.observer or axis, self.encoder_quantum, self.dt)
+        return kernel.Law(numbers, own.numbers, own.integers, *watched)
+
+    @property
+    def _loop_values(self) -> dict[int, float]:
+        """Numbers of the sliding loop by their places."""
+        keep = math.exp(-self.dt / self.filter_time) if self.filter_time > 0.0 else 0.0
+        late = self.drive_delay + self.drive_lag + self.tuning.late * self.input_delay
+        return {
+            kernel.DT: self.dt,
             kernel.LEAD: self.lead,
             kernel.KP: self.kp,
             kernel.KI: self.ki,
             kernel.KD: self.kd,
             kernel.KEEP: keep,
             kernel.LIMIT: self.largest_force,
+            kernel.LATE: round(late / self.dt),
+        }
+
+    @property
+    def _feedforward_values(self) -> dict[int, float]:
+        """Numbers of the feedforward and of what it learns by their places."""
+        axis = self.rigid_axis
+        excess = axis.stribeck.excess if axis.stribeck else 0.0
+        rate = min(self.learning * self.dt, 0.5)
+        return {
             kernel.MASS: axis.mass,
             kernel.VISCOUS: axis.viscous,
-            kernel.COULOMB: 1.0 if switched else 0.9 if self.law == "sign" else 0.0,
-            kernel.PEAK: 1.0 if switched else 0.0,
-            kernel.REST_SHARE: tuned.REST_SHARE,
-            kernel.REST_SPEED: rest_speed,
+            kernel.COULOMB: tuned.LEVEL_SHARES.get(self.law, 0.0),
+            kernel.PEAK: self.law in tuned.SWITCHED_LAWS,
             kernel.STICK_SPEED: axis.stick_speed,
-            kernel.STRIBECK_SPEED: stribeck.speed if stribeck else 0.0,
-            kernel.EXCESS: stribeck.excess if stribeck else 0.0,
-            kernel.MOST_EXCESS: max(
-                tuned.MOST_EXCESS,
-                2.0 * stribeck.excess if stribeck else 0.0,
-            ),
+            kernel.STRIBECK_SPEED: axis.stribeck.speed if axis.stribeck else 0.0,
+            kernel.EXCESS: excess,
+            kernel.MOST_EXCESS: max(tuned.MOST_EXCESS, 2.0 * excess),
             kernel.BAND: self.correction,
-            kernel.RATE: min(self.learning * dt, 0.5) if self.law == "learned" else 0.0,
+            kernel.RATE: rate if self.law == "learned" else 0.0,
+            kernel.BUILD: tuned.presliding_distance(self.axis),
+        }
+
+    @property
+    def _estimator_values(self) -> dict[int, float]:
+        """Numbers of the estimate of velocity and friction by their places."""
+        position_gain, velocity_gain, force_gain = tuned.extended_gains(
+            self.rigid_axis, self.dt, self.disturbance_bandwidth
+        )
+        if self.law == "disturbance observer":
+            position_gain = self.disturbance_bandwidth
+        estimates = self.law in ("disturbance observer", "adrc")
+        return {
             kernel.LAG: 1.0 if self.observer is None else tuned.observer_lag(self.observer),
             kernel.RESIDUAL: tuned.ESTIMATE_SHARE if estimates else self.tuning.residual,
-            kernel.SPEED_SHARE: tuned.velocity_share(self.tuning, self.whole_delay / dt),
-            kernel.BUILD: tuned.presliding_distance(self.axis),
+            kernel.SPEED_SHARE: tuned.velocity_share(self.tuning, self.whole_delay / self.dt),
             kernel.SOURCE: tuned.SOURCES.get(self.law, kernel.NOTHING),
-            kernel.HOLDS: switched,
+            kernel.MEAN: -math.expm1(-self.dt * self.bandwidth / 2.6),
+            kernel.GAIN_X: position_gain,
+            kernel.GAIN_V: velocity_gain,
+            kernel.GAIN_F: force_gain,
+        }
+
+    @property
+    def _rest_values(self) -> dict[int, float]:
+        """Numbers of the hold at rest by their places."""
+        axis = self.rigid_axis
+        w = self.bandwidth
+        most = self.correction * tuned.largest_level(axis)
+        return {
+            kernel.REST_SHARE: tuned.REST_SHARE,
+            kernel.REST_SPEED: 0.1 * self.encoder_quantum or 1e-6 * axis.stick_speed,
+            kernel.HOLDS: self.law in tuned.SWITCHED_LAWS,
             kernel.TOLERANCE: self.tolerance,
             kernel.GROWTH: tuned.TOLERANCE_GROWTH,
             kernel.HOLD_SHARE: tuned.HOLD_SHARE * (1.0 - self.mismatch),
-            kernel.SETTLE: tuned.SETTLING_TIME / (w * dt) + self.lead + 2.0,
+            kernel.SETTLE: tuned.SETTLING_TIME / (w * self.dt) + self.lead + 2.0,
             # The error at rest with which the integral goes over its band in a settling time.
             kernel.SLOW: most * w / (tuned.SETTLING_TIME * self.ki) if self.ki > 0.0 else math.inf,
-            kernel.MEAN: -math.expm1(-dt * w / 2.6),
-            kernel.GAIN_X: (
-                self.disturbance_bandwidth if self.law == "disturbance observer" else extended[0]
-            ),
-            kernel.GAIN_V: extended[1],
-            kernel.GAIN_F: extended[2],
-            kernel.LATE: round(
-                (self.drive_delay + self.drive_lag + self.tuning.late * self.input_delay) / dt
-            ),
         }
-        for place, value in values.items():
-            numbers[place] = value
-        own = axis.arrays(dt)
-        watched = tuned.observer_arrays(self.observer or axis, self.encoder_quantum, dt)
-        return kernel.Law(numbers, own.numbers, own.integers, *watched)
 
     @property
     def numbers(self) -> Floats:
@@ -529,15 +555,11 @@ def design_compensation(
         raise ValueError(
             f"bandwidth {w:g} rad/s is too high for dt = {dt:g} s: keep bandwidth * dt below 0.5"
         )
-    if gains is None:
-        kp, kd = tuned.position_gains(acting, tuning, w)
-        ki = 0.0 if law == "adrc" else tuned.INTEGRAL_GAIN * w * kp
-    else:
-        kp, ki, kd = _pid_gains(gains)
+    kp, ki, kd = _usual_gains(law, acting, w) if gains is None else _pid_gains(gains)
     excess = acting.stribeck.excess if acting.stribeck else 0.0
     most = _drive_limit(axis, limit, breakaway=level * (1.0 + excess))
     observer = None
-    if law in ("learned", "fixed"):
+    if law in tuned.SWITCHED_LAWS:
         # A loop that is slower than the delay allows leaves room for a faster observer.
         room = max(highest / w, 1.0)
         observer = _observer_of(axis, dt, quantum, whole_delay, room)
@@ -580,6 +602,13 @@ _POSITIVE = (
     "disturbance_bandwidth",
     *_MAY_BE_ZERO,
 )
+
+
+def _usual_gains(law: str, axis: FrictionAxis, w: float) -> tuple[float, float, float]:
+    """Gains kp, ki and kd of a law that follow from its bandwidth."""
+    kp, kd = tuned.position_gains(axis, tuned.tuning_of(law), w)
+    ki = 0.0 if law == "adrc" else tuned.INTEGRAL_GAIN * w * kp
+    return kp, ki, kd
 
 
 def _drive_limit(axis: FrictionAxis, limit: float | None, breakaway: float) -> float:
@@ -655,7 +684,7 @@ def _design_of_file(stated: Promise) -> Compensation:
         raise ValueError(f"mismatch must be below 1, got {comp.mismatch!r}")
     if comp.limit != np.inf:
         positive("limit", comp.limit)
-    if (comp.observer is None) == (comp.law in ("learned", "fixed")):
+    if (comp.observer is None) == (comp.law in tuned.SWITCHED_LAWS):
         raise ValueError(f"law {comp.law!r} and observer do not fit together")
     if comp.observer is not None:
         if comp.observer.dt != comp.dt:

@@ -20,6 +20,10 @@ from dryfric_control.observer.error_model import (
 )
 
 LAWS = ("learned", "fixed", "sign", "pid", "disturbance observer", "adrc")
+#: Those with the switched observer, which feed forward all friction and hold the drive at rest.
+SWITCHED_LAWS = ("learned", "fixed")
+#: Part of the Coulomb level that is fed forward, by law.
+LEVEL_SHARES = {"learned": 1.0, "fixed": 1.0, "sign": 0.9}
 #: Where the estimate of friction comes from, by law.
 SOURCES = {
     "learned": kernel.LEARNED,
@@ -124,7 +128,7 @@ def extended_gains(axis: FrictionAxis, dt: float, bandwidth: float) -> Floats:
 
 def tuning_of(law: str) -> Tuning:
     """Numbers of the sliding loop, by law."""
-    if law not in ("learned", "fixed"):
+    if law not in SWITCHED_LAWS:
         return _BASELINE
     return _SWITCHED if law == "learned" else _SWITCHED._replace(residual=0.0)
 

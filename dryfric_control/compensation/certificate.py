@@ -405,11 +405,9 @@ def certify_tracking(
     mu = mismatch
     c = comp.numbers
     bounded = c[kernel.HOLDS] != 0.0
-    held = 0.0 if reference is None else _force_at_start(comp, reference, mu)
+    held = _force_at_start(comp, reference, mu)
     corners = list(_mismatch_corners(comp, mu, bounded, reference, held))
-    fast = (
-        0.0 if reference is None else np.abs(_feedforward_forces(axis, reference)).sum(axis=0).max()
-    )
+    fast = _peak_feedforward(axis, reference)
     places, guessed = _places(comp, reference)
     loop = _Loop({}, 0.0, 0.0, 0.0, 0.0, 0.0)
     laws = laws_of(axis, places)
@@ -610,6 +608,13 @@ def _feedforward_forces(axis: FrictionAxis, reference: MotionProfile) -> Floats:
     return np.array([axis.mass * reference.acceleration, axis.viscous * reference.velocity])
 
 
+def _peak_feedforward(axis: FrictionAxis, reference: MotionProfile | None) -> float:
+    """Largest inertia and viscous friction, each by its size, that are fed forward [N]."""
+    if reference is None:
+        return 0.0
+    return float(np.abs(_feedforward_forces(axis, reference)).sum(axis=0).max())
+
+
 def _missing(
     comp: Compensation, reference: MotionProfile, mass: float, viscous: float, delay: float
 ) -> Floats:
@@ -633,8 +638,10 @@ def _missing(
     return np.asarray(drive - 0.5 * (needed + np.append(needed[1:], 0.0)))
 
 
-def _force_at_start(comp: Compensation, reference: MotionProfile, mu: float) -> float:
+def _force_at_start(comp: Compensation, reference: MotionProfile | None, mu: float) -> float:
     """Force effects that friction does not hold where a reference begins [N]."""
+    if reference is None:
+        return 0.0
     place = float(reference.position[0])
     reach = Reach(place - comp.tolerance, place + comp.tolerance, time=comp.dt)
     laws = laws_of(comp.rigid_axis, reach)

@@ -228,6 +228,27 @@ class Point:
     rates: dict[int, FloatArray] = field(default_factory=dict)
 
 
+def _free_parameters(
+    axis: FrictionAxis,
+    free: Sequence[str],
+    loads: Sequence[str],
+    records: Sequence[Record],
+    scales: Scales | None,
+) -> tuple[FrictionAxis, tuple[Parameter, ...]]:
+    """An axis with free parameters, and these; errors of known loads, in `loads`, come last."""
+    found: tuple[Parameter, ...] = ()
+    free = [name for name in free if name not in loads]
+    if free:
+        axis, found = choose(axis, free, scales or typical(records))
+    return axis, found + tuple(Parameter(n, "", -math.inf, math.inf, False, 1.0) for n in loads)
+
+
+def _forceless_names(axis: FrictionAxis, names: Sequence[str]) -> set[str]:
+    """Parameters that do not act as a force on the mass of a sliding axis."""
+    effects = {name for name, effect in named(axis).items() if not effect.acts_as_force()}
+    return {name for name in names if name == SHIFT or name.partition(".")[0] in effects}
+
+
 class Likelihood:
     """Likelihood of the parameters and noises of an axis in one or more records.
 
@@ -277,12 +298,8 @@ class Likelihood:
     ) -> None:
         self.runs, self.shift, self.each = tuple(runs), shift, dict(each or {})
         records = [r.record for r in self.runs]
-        found: tuple[Parameter, ...] = ()
         loads = [name for name in load_error_names(self.runs) if name in free]
-        free = [name for name in free if name not in loads]
-        if free:
-            axis, found = choose(axis, free, scales or typical(records))
-        found += tuple(Parameter(n, "", -math.inf, math.inf, False, 1.0) for n in loads)
+        axis, found = _free_parameters(axis, free, loads, records, scales)
         self.axis = axis
         self._made: tuple[dict[str, float], FrictionAxis] = {}, axis
         self.first = hold == "first"
@@ -292,9 +309,9 @@ class Likelihood:
         self.parameters: list[Parameter] = []
         self.place: list[int] = []  # record of a parameter, -1: all
         for p in found:
-            for i in range(len(runs)) if p.name in (*own, *loads) else (-1,):
-                self.parameters.append(p)
-                self.place.append(i)
+            places = range(len(runs)) if p.name in (*own, *loads) else (-1,)
+            self.parameters += [p] * len(places)
+            self.place += places
         names = [p.name for p in self.parameters]
         self.names = names
         self._of_axis = {n for n in names if n != SHIFT and n not in loads}
@@ -306,9 +323,7 @@ class Likelihood:
         self.low = np.full(self.size, -np.inf)
         self.high = np.full(self.size, np.inf)
         self._bound_parameters()
-        # Parameters that do not act as a force on the mass of a sliding axis.
-        forceless = {n for n, e in named(axis).items() if not e.acts_as_force()}
-        self.late = {n for n in names if n == SHIFT or n.partition(".")[0] in forceless}
+        self.late = _forceless_names(axis, names)
         self._bound_noises()
         noise_steps = np.full(2 * len(runs), _NOISE_STEP)
         self.steps = np.concatenate((np.full(n, _FIRST_STEP), noise_steps))

@@ -110,11 +110,8 @@ def shown_range(
         # A very light mass would vibrate over thousands of steps while the other rests.
         return KINDS["share"]
     if kind == "place":
-        low = min(float(r.x.min()) for r in records)
-        high = max(float(r.x.max()) for r in records)
-        room = (_PRELOAD if own == effect.adds_constant else _TRAVEL_MARGIN) * (high - low)
-        ends = travel or ()
-        return min([low - room, *ends]), max([high + room, *ends])
+        margin = _PRELOAD if own == effect.adds_constant else _TRAVEL_MARGIN
+        return _place_range(records, travel, margin)
     dt = float(np.median([r.dt for r in records]))
     if kind == "time":
         return MIN_VISIBLE_DELAY * dt, _MAX_DELAY_FRACTION * max(r.duration for r in records)
@@ -122,13 +119,23 @@ def shown_range(
     if unit == "s":
         return dt, math.inf
     if unit == "m" and kind == "amount":
-        return (
-            _MIN_READING_ERROR if effect.action == "reading" else _MIN_VISIBLE_LENGTH
-        ) * step, math.inf
+        least = _MIN_READING_ERROR if effect.action == "reading" else _MIN_VISIBLE_LENGTH
+        return least * step, math.inf
     if unit == "m/s":
         fast = max(np.quantile(np.abs(r.derivatives().v), _FAST_QUANTILE) for r in records)
         return _MIN_SPEED * step / dt, _MAX_SPEED_RATIO * float(fast)
     return -math.inf, math.inf
+
+
+def _place_range(
+    records: Sequence[Record], travel: tuple[float, float] | None, margin: float
+) -> tuple[float, float]:
+    """Ends of the travel, of the records and the axis; `margin`: part of theirs beyond records."""
+    low = min(float(r.x.min()) for r in records)
+    high = max(float(r.x.max()) for r in records)
+    room = margin * (high - low)
+    ends = travel or ()
+    return min([low - room, *ends]), max([high + room, *ends])
 
 
 def is_within_records(

@@ -31,6 +31,8 @@ from dryfric_control.store.saved import from_plain, to_plain
 from dryfric_control.text import Result, documented, length_text, stated
 
 _SAVED = (Diagnosis, *Diagnosis._holds)
+#: Axis, records and errors of the known load of a joint.
+_Case = tuple[FrictionAxis, tuple[Record, ...], Floats]
 
 
 @documented
@@ -201,22 +203,7 @@ def diagnose_joints(
     known, tolerance = checked_knowledge(known, tolerance)
     if time_limit is not None:
         time_limit = positive("time_limit", time_limit, unit="s")
-    cases: dict[Any, tuple[Any, ...]] = {}
-    load_errors = {} if load_errors is None else load_errors
-    if not isinstance(load_errors, Mapping):
-        raise ValueError(
-            f"load_errors must be a mapping of names of joints to forces, got {load_errors!r}"
-        )
-    for name in load_errors:
-        if name not in joints:
-            raise ValueError(f"load_errors: {name!r} is no joint; they are {', '.join(joints)}")
-    for name, pair in joints.items():
-        if not isinstance(pair, (tuple, list)) or len(pair) != 2:
-            raise ValueError(f"joints[{name!r}] must be (axis, records), got {pair!r}")
-        instance(f"joints[{name!r}][0]", pair[0], FrictionAxis)
-        records = checked_records(pair[1], f"joints[{name!r}][1]")
-        errors = checked_load_errors(load_errors.get(name), records)
-        cases[name] = pair[0], records, errors
+    cases = _checked_cases(joints, {} if load_errors is None else load_errors)
     options = {"known": list(known), "tolerance": dict(tolerance), "time_limit": time_limit}
     free_runs: dict[str, Any] = {"window": window, "hold": hold}
     task = functools.partial(_diagnose_joint, options | free_runs | {"anyway": anyway})
@@ -230,9 +217,27 @@ def diagnose_joints(
     return JointDiagnoses({name: from_plain(one, _SAVED) for name, one in done.items()}, failed)
 
 
-def _diagnose_joint(
-    options: dict[str, Any], case: tuple[FrictionAxis, tuple[Record, ...], Floats]
-) -> Any:
+def _checked_cases(joints: Mapping[str, Any], load_errors: Any) -> dict[Any, _Case]:
+    """The case of each joint, of what `diagnose_joints` takes."""
+    if not isinstance(load_errors, Mapping):
+        raise ValueError(
+            f"load_errors must be a mapping of names of joints to forces, got {load_errors!r}"
+        )
+    for name in load_errors:
+        if name not in joints:
+            raise ValueError(f"load_errors: {name!r} is no joint; they are {', '.join(joints)}")
+    cases: dict[Any, _Case] = {}
+    for name, pair in joints.items():
+        if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+            raise ValueError(f"joints[{name!r}] must be (axis, records), got {pair!r}")
+        instance(f"joints[{name!r}][0]", pair[0], FrictionAxis)
+        records = checked_records(pair[1], f"joints[{name!r}][1]")
+        errors = checked_load_errors(load_errors.get(name), records)
+        cases[name] = pair[0], records, errors
+    return cases
+
+
+def _diagnose_joint(options: dict[str, Any], case: _Case) -> Any:
     axis, records, errors = case
     record = records[0] if len(records) == 1 else records
     if len(errors):

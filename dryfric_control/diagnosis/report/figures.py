@@ -43,6 +43,9 @@ _SHOWN = 5
 _LEAST_SHOWN = 1e-7
 # Bins of the medians of the force residual.
 _BINS = 24
+# Against what the bins are narrow, as wide ones beat with the pitch of cogging or with a motion,
+# and how many lines of medians share the samples there.
+_NARROW = {"position": 2, "time": 1}
 # Most candidates that get a bar.
 _BARS = 8
 # Rows that there is room for at least.
@@ -240,24 +243,20 @@ def draw_residual(
     place = getattr(before, column)
     ax.plot(place, before.residual, ".", **_CLOUD, label="force residual, nominal model")
     ax.axhline(0.0, color="k", lw=0.6)
-    bins: Floats | int = _BINS
     known = place[np.isfinite(place) & (place > 0.0)]
+    bins: Floats | int = _BINS
     if by == "reversal" and known.size >= 10:
         bins = np.geomspace(known.min(), known.max() * (1.0 + 1e-9), 15)
-    elif by in ("position", "time"):
-        # Narrow ones: wide ones beat with the pitch of cogging, or with a motion.
-        bins = max(_BINS, min(10 * _BINS, place.size // 25) // (2 if by == "position" else 1))
+    elif by in _NARROW:
+        bins = max(_BINS, min(10 * _BINS, place.size // 25) // _NARROW[by])
     for side, style, name in shown_sides(before, after, "its median"):
         # Over position one line for both directions would jump between their branches.
         for way in (1, -1) if by == "position" else (0,):
             here = side.v * way > 0.0 if way else slice(None)
             found = bin_values(side.residual[here], getattr(side, column)[here], bins)
-            marks: dict[str, Any] = {"lw": 1.6, "ms": 5}
-            if way:
-                every = max(1, found.centre.size // 6)
-                marks |= {"lw": 1.4, "marker": _MARKS[way], "markevery": (every // 2, every)}
             # An underscore keeps the second one out of the legend.
             label = f"_{name} backwards" if way < 0 else name
+            marks = _median_marks(way, found.centre.size)
             ax.plot(found.centre, found.median, **style, **marks, label=label, gid=_MEDIAN)
     if by == "reversal" and known.size:
         ax.set_xscale("log")
@@ -271,6 +270,14 @@ def draw_residual(
         style = {"fontsize": "small", "frameon": False, "borderaxespad": 0.1, "markerscale": 4}
         legend = ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, **style)
         legend.set_in_layout(False)
+
+
+def _median_marks(way: int, count: int) -> dict[str, Any]:
+    """Line and marks of a median; of one for each direction, a few of its marks."""
+    if way == 0:
+        return {"lw": 1.6, "ms": 5}
+    every = max(1, count // 6)
+    return {"lw": 1.4, "ms": 5, "marker": _MARKS[way], "markevery": (every // 2, every)}
 
 
 def _fit_force(before: Evidence, ax: Any) -> None:

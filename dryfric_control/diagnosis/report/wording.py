@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -192,17 +193,25 @@ def next_steps(d: Findings) -> list[str]:
             "again."
         )
     if d.unexplained.significant:
-        if d.unexplained.where:
-            steps.append(f"See where the remaining error occurs: {places_text(d)}.")
-        more = "" if d.others else ", or diagnose several records of this machine together"
-        if LATE in d.messages:
-            steps.append(
-                "Allow more time, or start from what was found: diagnose(d.extended, record)."
-            )
-        steps.append(
-            "Add the effect that you suspect with effects.register_effect and diagnose "
-            f"again{more}."
-        )
+        steps += _steps_to_the_rest(d)
+    steps += _steps_by_cause(d)
+    if d.next_experiment is not None:
+        steps.append(f"Next experiment: {d.next_experiment.summary()}")
+    return steps
+
+
+def _steps_to_the_rest(d: Findings) -> Iterator[str]:
+    """What to do to explain the remaining error."""
+    if d.unexplained.where:
+        yield f"See where the remaining error occurs: {places_text(d)}."
+    if LATE in d.messages:
+        yield "Allow more time, or start from what was found: diagnose(d.extended, record)."
+    more = "" if d.others else ", or diagnose several records of this machine together"
+    yield f"Add the effect that you suspect with effects.register_effect and diagnose again{more}."
+
+
+def _steps_by_cause(d: Findings) -> Iterator[str]:
+    """What to do to separate the causes from their alternatives, and to determine them better."""
     by_force = []
     for cause in d.main_causes:
         if cause.alternatives and d.next_experiment is None:
@@ -210,15 +219,12 @@ def next_steps(d: Findings) -> list[str]:
             if GAIN in "+".join((cause.effect, *cause.alternatives)).split("+"):
                 by_force.append(pair)
             else:
-                steps.append(f"Separate {pair}. {cause.experiment}")
+                yield f"Separate {pair}. {cause.experiment}"
         loose = any(one.startswith(f"{cause.effect}.") for one in d.messages)
         if loose or not all(map(math.isfinite, cause.standard_errors.values())):
-            steps.append(f"Determine {cause.title} better. {cause.experiment}")
+            yield f"Determine {cause.title} better. {cause.experiment}"
     if by_force:
-        steps.append(f"Separate {', '.join(by_force)}. {_BY_A_FORCE}")
-    if d.next_experiment is not None:
-        steps.append(f"Next experiment: {d.next_experiment.summary()}")
-    return steps
+        yield f"Separate {', '.join(by_force)}. {_BY_A_FORCE}"
 
 
 def hidden_text(d: Findings, share: float) -> str:
@@ -344,21 +350,30 @@ def further_lines(d: Findings) -> list[str]:
         head = "gain of log-likelihood over references (positive: better than the reference)"
         gains = ", ".join(f"{name} {gain:+z.0f}" for name, gain in d.references.items())
         lines.append(f"{head}: {gains}")
-    named = {name for cause in d.causes for name in cause.parameters} | set(d.varies)
-    names = [name for name in BASE if name not in named]
-    pairs = zip(names, values_of(d.axis, names), values_of(d.extended, names), strict=True)
-    moved = {name: after / before - 1.0 for name, before, after in pairs if before > 0.0}
-    if moved := {name: part for name, part in moved.items() if abs(part) > _MOVED}:
+    if moved := _further_changes(d):
         head = "also changed in the extended model, by less than the remaining force shows"
         changes = ", ".join(f"{name} {100.0 * part:+.2g} %" for name, part in moved.items())
         lines.append(f"{head}: {changes}")
-    for name, found in d.varies.items():
-        values = ", ".join(map(with_error, found["values"], found["standard_errors"]))
-        least = min(found["values"], key=abs)
-        most = max(found["values"], key=abs)
-        ratio = f" (largest: {most / least:.3g} of the smallest)" if least * most > 0.0 else ""
-        lines.append(f"differs from record to record: {name} = {values}{ratio}")
+    lines += [_variation_text(name, found) for name, found in d.varies.items()]
     return lines
+
+
+def _further_changes(d: Findings) -> dict[str, float]:
+    """Relative changes of base parameters that no cause names, those that are reported."""
+    named = {name for cause in d.causes for name in cause.parameters} | set(d.varies)
+    names = [name for name in BASE if name not in named]
+    pairs = zip(names, values_of(d.axis, names), values_of(d.extended, names), strict=True)
+    changes = {name: after / before - 1.0 for name, before, after in pairs if before > 0.0}
+    return {name: part for name, part in changes.items() if abs(part) > _MOVED}
+
+
+def _variation_text(name: str, found: Mapping[str, Any]) -> str:
+    """How a parameter differs from record to record, in one line."""
+    values = ", ".join(map(with_error, found["values"], found["standard_errors"]))
+    least = min(found["values"], key=abs)
+    most = max(found["values"], key=abs)
+    ratio = f" (largest: {most / least:.3g} of the smallest)" if least * most > 0.0 else ""
+    return f"differs from record to record: {name} = {values}{ratio}"
 
 
 def verdict_line(d: Findings, most: int | None = None) -> str:

@@ -13,9 +13,19 @@ from dryfric_control.compiled.linear import Recursion, adjoint, innovation_chang
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.estimation.likelihood import Likelihood, Point, recursion
+from dryfric_control.records.record import Record
 
 # Averaging of the filtered acceleration [samples].
 _SMOOTH = 5
+
+
+def _known_forces(records: Sequence[Record]) -> Floats:
+    """Known forces on the mass in all records, zero in those without; empty if none has one."""
+    known = [r.known_force for r in records]
+    if not any(force.size for force in known):
+        return np.zeros(0)
+    pairs = zip(known, records, strict=True)
+    return np.concatenate([force if force.size else np.zeros(len(r)) for force, r in pairs])
 
 
 class Linearised(ModelView):
@@ -30,18 +40,21 @@ class Linearised(ModelView):
     """
 
     def __init__(self, problem: Problem, likelihood: Likelihood, z: Floats) -> None:
-        self.likelihood, self.z, self.imposed = likelihood, z, problem.is_imposed
+        self.likelihood = likelihood
+        self.z = z
+        self.imposed = problem.is_imposed
         self.axis = likelihood.axis_at(z, 0)
         self.point = likelihood.at(z)
         records = [run.record for run in likelihood.runs]
-        self.slices, self.recursions, at = [], list[Recursion](), 0
+        self.slices = []
+        self.recursions: list[Recursion] = []
+        start = 0
         for i, (run, states) in enumerate(zip(likelihood.runs, self.point.states, strict=True)):
-            n = len(run.record)
-            dt = run.record.dt
             one = likelihood.axis_at(z, i)
-            self.slices.append(slice(at, at + n))
-            at += n
-            self.recursions.append(recursion(one, dt, states, run.w.size > 0))
+            end = start + len(run.record)
+            self.slices.append(slice(start, end))
+            self.recursions.append(recursion(one, run.record.dt, states, run.w.size > 0))
+            start = end
         out = np.concatenate(self.point.out, axis=1)
         states = np.concatenate(self.point.states, axis=1)
         active = np.concatenate([run.active for run in likelihood.runs])
@@ -54,20 +67,16 @@ class Linearised(ModelView):
         nu = compiled.FREEDOM
         self.root = np.where(self.ok, np.sqrt((nu + 1.0) / (nu + e * e)), 0.0)
         #: Weight of each innovation: the columns are theirs times it.
-        self.scale, self.y = self.root / s, e * self.root
-        self.dt, self.quantum = records[0].dt, min(r.resolution.step for r in records)
+        self.scale = self.root / s
+        self.y = e * self.root
+        self.dt = records[0].dt
+        self.quantum = min(r.resolution.step for r in records)
         self.duration = max(r.duration for r in records)
         self.t = np.concatenate([r.t for r in records])
         self.u = np.concatenate([run.u for run in likelihood.runs])
-        loads = [r.known_force for r in records]
-        known = any(one.size for one in loads)
-        self.load = np.concatenate(
-            [
-                one if one.size or not known else np.zeros(len(r))
-                for one, r in zip(loads, records, strict=True)
-            ]
-        )
-        self.x, self.v = states[0], states[1]
+        self.load = _known_forces(records)
+        self.x = states[0]
+        self.v = states[1]
         self.a = np.concatenate(
             [np.gradient(uniform_filter1d(self.v[part], _SMOOTH)) / self.dt for part in self.slices]
         )

@@ -196,12 +196,7 @@ class Problem:
         base = self.base if base is None else base
         loads = load_error_names(self.runs)
         names = tuple(dict.fromkeys((*base, *clock, *self.also, *free, *loads)))
-        # Effects on the base become part of it, unless they are free.
-        owners = {name.partition(".")[0] for name in names}
-        effects = named(axis).items()
-        kept = [e for n, e in effects if n in owners and e.action == "axis" and e in axis.effects]
-        rest = axis.replace(effects=tuple(e for e in axis.effects if e not in kept)).effective()
-        axis = rest.replace(effects=(*rest.effects, *kept)) if kept else rest
+        axis = _effective_but_free(axis, names)
         problem = self.view(
             axis,
             names,
@@ -216,6 +211,11 @@ class Problem:
             priors=tuple(self.nominal),
             shift=self.shift or 0.0,
         )
+        nearer = self._bound_by_records(problem, axis)
+        return problem if nearer is None else self.likelihood(nearer, free, base, wonder, each)
+
+    def _bound_by_records(self, problem: Likelihood, axis: FrictionAxis) -> FrictionAxis | None:
+        """Bound parameters by what the records show; another start where this one is far off."""
         records = [r.record for r in self.runs]
         for j, p in enumerate(problem.parameters):
             if p.name == SHIFT:
@@ -227,9 +227,8 @@ class Problem:
                 if problem.low[j] > problem.high[j]:
                     # A start that is far from all that the records show begins at the end of that.
                     value = float(np.clip(values_of(axis, [p.name])[0], low, high))
-                    nearer = with_values(axis, [p.name], [value])
-                    return self.likelihood(nearer, free, base, wonder, each)
-        return problem
+                    return with_values(axis, [p.name], [value])
+        return None
 
     def fit(
         self,
@@ -314,6 +313,15 @@ class Problem:
             return [function(*row) for row in rows]
         with ThreadPoolExecutor(self.jobs) as pool:
             return list(pool.map(function, *zip(*rows, strict=True)))
+
+
+def _effective_but_free(axis: FrictionAxis, names: Sequence[str]) -> FrictionAxis:
+    """The axis with effects on its base as part of that, but for those of free parameters."""
+    owners = {name.partition(".")[0] for name in names}
+    effects = named(axis).items()
+    kept = [e for n, e in effects if n in owners and e.action == "axis" and e in axis.effects]
+    rest = axis.replace(effects=tuple(e for e in axis.effects if e not in kept)).effective()
+    return rest.replace(effects=(*rest.effects, *kept)) if kept else rest
 
 
 def noises_of(fit: Solution) -> FloatArray:

@@ -37,6 +37,9 @@ _MIN_BAD_RATIO = 3.0
 _MIN_SAMPLE_FRACTION = 0.3
 # Number of places that are named.
 _MAX_PLACES = 3
+#: Samples of a bin from which its median is shown: with white noise its standard error is then
+#: 0.4 of the standard deviation of the samples.
+ENOUGH_IN_BIN = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,13 +363,13 @@ def bin_values(values: ArrayLike, by: ArrayLike, bins: int | ArrayLike = 24) -> 
     Returns
     -------
     Binned
-        Bins with fewer than 5 values are left out.
+        NaN in bins of fewer than `ENOUGH_IN_BIN` values, so that no line is drawn across them.
 
     Examples
     --------
-    >>> found = bin_values([1.0, 2.0, 3.0, 4.0, 5.0, 60.0], [0, 0, 0, 0, 0, 1], bins=[0, 0.5, 1])
-    >>> found.median.tolist(), found.low.tolist(), found.samples.tolist()
-    ([3.0], [2.0], [5])
+    >>> found = bin_values(range(12), [0] * 11 + [1], bins=[0, 0.5, 1])
+    >>> found.median.tolist(), found.samples.tolist()
+    ([5.0, nan], [11, 1])
     """
     y = np.asarray(values, dtype=float)
     z = np.asarray(by, dtype=float)
@@ -379,15 +382,12 @@ def bin_values(values: ArrayLike, by: ArrayLike, bins: int | ArrayLike = 24) -> 
     edges = np.histogram_bin_edges(z, bins) if np.ndim(bins) == 0 else np.asarray(bins, float)
     number = np.clip(np.searchsorted(edges, z, side="right") - 1, 0, edges.size - 2)
     inside = (z >= edges[0]) & (z <= edges[-1])
-    rows = []
-    for i in range(edges.size - 1):
-        here = y[inside & (number == i)]
-        if here.size >= 5:
-            quarter, half, rest = np.quantile(here, [0.25, 0.5, 0.75])
-            rows.append((0.5 * (edges[i] + edges[i + 1]), half, quarter, rest, here.size))
-    table = np.array(rows).reshape(-1, 5)
-    centre, median, low, high, samples = table.T
-    return Binned(centre, median, low, high, samples.astype(np.int64))
+    quartiles = np.full((edges.size - 1, 3), np.nan)
+    samples = np.bincount(number[inside], minlength=edges.size - 1)
+    for i in np.flatnonzero(samples >= ENOUGH_IN_BIN):
+        quartiles[i] = np.quantile(y[inside & (number == i)], [0.25, 0.5, 0.75])
+    low, median, high = quartiles.T
+    return Binned(0.5 * (edges[:-1] + edges[1:]), median, low, high, samples)
 
 
 class _Place(NamedTuple):

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 import dryfric_control as dfc
 from dryfric_control.__main__ import main
-from dryfric_control.diagnosis.evidence import evidence, since_reversal, where
+from dryfric_control.diagnosis.evidence import ENOUGH_IN_BIN, evidence, since_reversal, where
 from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.diagnosis.report import figures, findings, wording
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
@@ -413,6 +413,52 @@ def test_page_draws_every_panel_with_units(found, nothing, shown):
     axes = nothing.plot().axes.ravel()
     assert "with the causes" not in {line.get_label() for ax in axes for line in ax.lines}
     assert "no candidate had to be tried" in [t.get_text() for t in axes[-2].texts]
+
+
+def test_no_median_is_drawn_where_there_are_no_samples(found):
+    """A machine that rests in between: a line across the rests would show a force in them."""
+    t = DT * np.arange(8000)
+    u = np.where(t % 1.0 < 0.5, 40.0 * np.sin(8.0 * np.pi * t), 0.0)
+    u[:1500] = 0.0
+    record = dfc.Record(t, u, found.extended.simulate(u, dt=DT, x0=0.1).y[0])
+    side = evidence(found.axis, record)
+    _, axes = matplotlib.pyplot.subplots(1, len(figures.AGAINST))
+    for by, ax in zip(figures.AGAINST, axes, strict=True):
+        figures.draw_residual(side, None, by, ax)
+        assert np.isfinite(ax.get_ylim()).all()
+    line = next(one for one in axes[list(figures.AGAINST).index("time")].lines
+                if one.get_gid() == "median")  # fmt: skip
+    at, median = line.get_xdata(), line.get_ydata()
+    width = at[1] - at[0]
+    inside = [np.count_nonzero(np.abs(side.t - one) <= 0.5 * width) for one in at]
+    np.testing.assert_array_equal(np.isfinite(median), np.array(inside) >= ENOUGH_IN_BIN)
+    assert np.isnan(median).any() and np.isfinite(median).any()
+    matplotlib.pyplot.close("all")
+
+
+def test_a_median_beside_none_has_a_mark(found):
+    t = np.concatenate(([0.0], np.linspace(5.0, 5.01, 20), [10.0]))
+    side = evidence(found.axis, found.record)
+    few = replace(side, t=t, x=t, v=t, residual=np.ones(t.size), since_reversal=t)
+    _, ax = matplotlib.pyplot.subplots()
+    figures.draw_residual(few, None, "time", ax)
+    line = next(one for one in ax.lines if one.get_gid() == "median")
+    assert line.get_marker() == "." and np.count_nonzero(line.get_markevery()) == 1
+    matplotlib.pyplot.close("all")
+
+
+def test_a_record_of_one_direction_is_drawn(found):
+    """No sample runs backwards, and none follows a reversal."""
+    side = evidence(found.axis, found.record)
+    forwards = replace(
+        side, v=np.abs(side.v) + 1e-6, since_reversal=np.full_like(side.since_reversal, np.nan)
+    )
+    for by in ("position", "reversal"):
+        _, ax = matplotlib.pyplot.subplots()
+        figures.draw_residual(forwards, None, by, ax)
+        medians = [one.get_ydata() for one in ax.lines if one.get_gid() == "median"]
+        assert medians[-1].size == 0
+    matplotlib.pyplot.close("all")
 
 
 def test_nothing_in_the_page_overlaps(found):

@@ -9,7 +9,7 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
-from dryfric_control.arrays import Floats
+from dryfric_control.arrays import Bools, Floats
 from dryfric_control.diagnosis.evidence import Evidence, bin_values, blind_samples, evidence
 from dryfric_control.diagnosis.report import wording
 from dryfric_control.diagnosis.report.findings import Findings, plain_number
@@ -256,7 +256,7 @@ def draw_residual(
             found = bin_values(side.residual[here], getattr(side, column)[here], bins)
             # An underscore keeps the second one out of the legend.
             label = f"_{name} backwards" if way < 0 else name
-            marks = _median_marks(way, found.centre.size)
+            marks = _median_marks(way, np.isfinite(found.median))
             ax.plot(found.centre, found.median, **style, **marks, label=label, gid=_MEDIAN)
     if by == "reversal" and known.size:
         ax.set_xscale("log")
@@ -272,12 +272,17 @@ def draw_residual(
         legend.set_in_layout(False)
 
 
-def _median_marks(way: int, count: int) -> dict[str, Any]:
-    """Line and marks of a median; of one for each direction, a few of its marks."""
-    if way == 0:
-        return {"lw": 1.6, "ms": 5}
-    every = max(1, count // 6)
-    return {"lw": 1.4, "ms": 5, "marker": _MARKS[way], "markevery": (every // 2, every)}
+def _median_marks(way: int, shown: Bools) -> dict[str, Any]:
+    """Line and marks of a median, shown in some bins; of one for each direction, a few marks."""
+    neighbours = np.pad(shown, 1)
+    # A bin between two empty ones has no line: it gets a mark.
+    marked = shown & ~(neighbours[:-2] | neighbours[2:])
+    if way:
+        seen = np.flatnonzero(shown)
+        every = max(1, seen.size // 6)
+        marked[seen[every // 2 :: every]] = True
+    marks: dict[str, Any] = {"lw": 1.4, "ms": 5} if way else {"lw": 1.6, "ms": 6}
+    return marks | {"marker": _MARKS.get(way, "."), "markevery": marked} if marked.any() else marks
 
 
 def _fit_force(before: Evidence, ax: Any) -> None:
@@ -288,8 +293,9 @@ def _fit_force(before: Evidence, ax: Any) -> None:
         seen.append(np.quantile(before.residual, [0.005, 0.995]))
     for one in ax.get_shared_y_axes().get_siblings(ax):
         seen += [np.asarray(li.get_ydata(), float) for li in one.lines if li.get_gid() == _MEDIAN]
-    low = float(np.min(np.concatenate(seen)))
-    high = float(np.max(np.concatenate(seen)))
+    # A median is NaN where there are too few samples.
+    low = float(np.nanmin(np.concatenate(seen)))
+    high = float(np.nanmax(np.concatenate(seen)))
     room = 0.1 * max(high - low, 1e-12 * max(abs(high), abs(low), 1e-12))
     ax.set_ylim(low - room, high + room)
 

@@ -13,6 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from dryfric_control._version import __version__
+from dryfric_control.diagnosis.report.wording import cause_names
 from dryfric_control.drawing import MEASURED, label_axes, legend_above
 from dryfric_control.estimation.force_residual import Sliding
 from dryfric_control.model.axis import FrictionAxis
@@ -53,7 +54,9 @@ def _page(found: ArmDiagnoses) -> str:
         for part in found._summary_parts()
     ]
     page = _TEMPLATES.get_template("page.html")
-    return page.render(shown=shown, found=found, pictures=pictures, version=__version__)
+    return page.render(
+        shown=shown, found=found, pictures=pictures, cause_names=cause_names, version=__version__
+    )
 
 
 def joint_figure(found: ArmDiagnoses, joint: str) -> str:

@@ -21,6 +21,7 @@ from dryfric_control.diagnosis.diagnose import (
 )
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import with_error
+from dryfric_control.diagnosis.report.wording import cause_names
 from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import SHIFT, base_unit, checked_knowledge, values_of
 from dryfric_control.estimation.plausibility import checked_records
@@ -28,7 +29,7 @@ from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.store.batch import fingerprint
 from dryfric_control.store.saved import from_plain, to_plain
-from dryfric_control.text import Result, documented, length_text, stated
+from dryfric_control.text import Result, documented, length_text, rotary_words, stated
 
 _SAVED = (Diagnosis, *Diagnosis._holds)
 #: Axis, records and errors of the known load of a joint.
@@ -101,14 +102,21 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
             found[name] = (float(value), d.standard_errors.get(name), unit)
         return found
 
+    def _base_words(self) -> Iterator[str]:
+        """Names of the base parameters, in the words of all axes: inertia where they turn."""
+        for name in BASE:
+            words = (rotary_words(name, d.axis.units[1]) for d in self.values())
+            yield " or ".join(sorted(set(words), reverse=True)) or name
+
     def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
-        head = ("joint", "verdict", "causes", "free runs", *BASE, "further parameters")
+        base_words = self._base_words()
+        head = ("joint", "verdict", "causes", "free runs", *base_words, "further parameters")
         rows: list[tuple[str, ...]] = [head]
         for joint, d in self.diagnoses.items():
             numbers = {n: with_error(*one) for n, one in self.parameters(joint).items()}
             further = [f"{n} {one}".rstrip() for n, one in numbers.items() if n not in BASE]
             runs = " -> ".join(length_text(v, d.gain.unit) for v in (d.gain.before, d.gain.after))
-            causes = ", ".join(cause.effect for cause in d.causes)
+            causes = cause_names(d)
             base = (numbers[n] for n in BASE)
             rest = ", ".join(further)
             rows.append((joint, d.verdict, causes or "none", runs, *base, rest or "none"))

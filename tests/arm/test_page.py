@@ -33,6 +33,16 @@ def test_units_of_the_page_are_as_printed(tmp_path):
     assert "noise of 0.09 N·m RMS" in text
 
 
+def test_causes_of_a_joint_are_named_in_words(tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "joint_figure", lambda found, joint: "")
+    found = Found({"elbow": (dfc.FrictionAxis(inertia=0.3, viscous=0.2, coulomb=1.5), None)})
+    found["elbow"].axis = found["elbow"].extended
+    found["elbow"].verdict = "explained"
+    found["elbow"].causes = (SimpleNamespace(title="bias force", effect="bias_force"),)
+    text = report.write_page(found, tmp_path / "arm.html").read_text()
+    assert "<p>explained: bias torque</p>" in text
+
+
 def test_tick_labels_of_a_joint_do_not_run_into_each_other():
     found = Found(dfc.arm_records(DATA / "six_joints.xml", DATA / "six_joints.csv"))
     for joint in found:

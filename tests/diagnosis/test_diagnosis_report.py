@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 import dryfric_control as dfc
 from dryfric_control.__main__ import main
 from dryfric_control.diagnosis.evidence import ENOUGH_IN_BIN, evidence, since_reversal, where
+from dryfric_control.diagnosis.joints import JointDiagnoses
 from dryfric_control.diagnosis.remaining import Remaining
 from dryfric_control.diagnosis.report import figures, findings, wording
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
@@ -83,6 +84,23 @@ def test_a_table_of_causes(found):
     assert rows[2] == "| spring | stiffness | none | 12.00 ± 0.10 N/m | gravity on a rotary axis |"
     assert rows[3] == "| spring | rest | none | 0.1 m (undetermined) | gravity on a rotary axis |"
     assert r"\qty{12.00(10)}{\newton\per\metre}" in found.table("latex")
+
+
+def test_the_table_of_joints_has_causes_in_words_and_the_inertia_of_what_turns(found):
+    units = ("rad", "N m")
+    turned = replace(
+        found, axis=found.axis.replace(units=units), extended=found.extended.replace(units=units)
+    )
+    names = "spring, bias force", "spring, bias torque"
+    for joints, word, causes in (
+        ((found,), "mass", names[:1]),
+        ((turned,), "inertia", names[1:]),
+        ((found, turned), "mass or inertia", names),
+    ):
+        table = JointDiagnoses({f"joint{i}": one for i, one in enumerate(joints)}).summary()
+        head, *rows = [re.split("  +", line) for line in table.splitlines()]
+        assert head[4:7] == [word, "viscous", "coulomb"]
+        assert [row[2] for row in rows[: len(joints)]] == list(causes)
 
 
 @pytest.fixture(scope="module")

@@ -376,6 +376,12 @@ def _variation_text(name: str, found: Mapping[str, Any]) -> str:
     return f"differs from record to record: {name} = {values}{ratio}"
 
 
+def cause_names(d: Findings) -> str:
+    """Names of all causes, in words of the axis."""
+    names = ", ".join(cause.title or cause.effect for cause in d.causes)
+    return rotary_words(names, d.axis.units[1])
+
+
 def verdict_line(d: Findings, most: int | None = None) -> str:
     """Verdict with the names of at most so many causes, the rest counted, in one line."""
     names = [cause.title or cause.effect for cause in d.main_causes]

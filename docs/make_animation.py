@@ -15,7 +15,7 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Rectangle
 from PIL import Image
 
 import dryfric_control as dfc
-from dryfric_control.drawing import shade_stuck
+from dryfric_control.drawing import TIME_LABEL, shade_stuck
 from dryfric_control.model.responses import MODE_NAMES
 
 DT, SECONDS, FRAMES, RATE = 1e-3, 12.0, 120, 12
@@ -83,7 +83,7 @@ def main() -> None:
     below.text(7.1, 200.0, "stuck", ha="center", va="center")
     below.plot(t, 1e3 * v, color="0.6", lw=1.0)
     (now,) = below.plot([], [], "o", ms=7, mec="k")
-    below.set(xlabel="time [s]", ylabel="velocity [mm/s]", xlim=(0.0, SECONDS))
+    below.set(xlabel=TIME_LABEL, ylabel="velocity [mm/s]", xlim=(0.0, SECONDS))
 
     def frame(i: int) -> Image.Image:
         """One picture of the film."""

@@ -24,6 +24,7 @@ from scipy.signal import savgol_filter
 
 import dryfric_control as dfc
 from dryfric_control import effects
+from dryfric_control.drawing import TIME_LABEL
 from dryfric_control.estimation.force_residual import Sliding
 from dryfric_control.records.motion import directions
 
@@ -70,8 +71,8 @@ VELOCITY = View("velocity [mm/s]", lambda seen: 1e3 * seen.at.v)
 SLOW = View("velocity, near zero [mm/s]", lambda seen: 1e3 * seen.at.v, (-60.0, 60.0))
 POSITION = View("position [mm]", lambda seen: 1e3 * seen.at.x)
 ANGLE = View("position [rad]", lambda seen: seen.at.x)
-TIME = View("time [s]", lambda seen: seen.at.t)
-ZOOM = View("time [s]", lambda seen: seen.at.t, (4.0, 7.0))
+TIME = View(TIME_LABEL, lambda seen: seen.at.t)
+ZOOM = View(TIME_LABEL, lambda seen: seen.at.t, (4.0, 7.0))
 ACCELERATION = View("acceleration [m/s\u00b2]", lambda seen: seen.at.a)
 DRIVE = View("drive force [N]", lambda seen: seen.at.u)
 DRIVE_RATE = View(

@@ -15,7 +15,7 @@ import numpy as np
 import dryfric_control as dfc
 from dryfric_control import presets
 from dryfric_control.demo import save
-from dryfric_control.drawing import title_above
+from dryfric_control.drawing import TIME_LABEL, title_above
 from dryfric_control.estimation.force_residual import Sliding
 from dryfric_control.estimation.likelihood import Likelihood, prepare
 from dryfric_control.estimation.scoring import maximise
@@ -104,7 +104,7 @@ def force_first() -> None:
         row.axhspan(-2.0, 2.0, color="0.9", lw=0, zorder=0)
         row.set(ylabel="innovation\n[standard dev.]", ylim=(-8.0, 8.0))
         row.set_title(f"{name}: random force {fit.random_force():.2g} N", loc="left")
-    rows[-1].set_xlabel("Time [s]")
+    rows[-1].set_xlabel(TIME_LABEL)
     figure.savefig(IMAGES / "likelihood.png", dpi=110)
 
 

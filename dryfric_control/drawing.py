@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from dryfric_control.checks import positive, string
 from dryfric_control.text import rotary_words, typeset_signs
 
+#: Label of an axis of time, in the spelling of python-control.
+TIME_LABEL = "Time [s]"
 #: Grey of measured dots and lines.
 MEASURED = "0.6"
 #: Light band behind the time at rest.
@@ -174,7 +176,7 @@ def over_time(axes: Any, names: Sequence[str] = ()) -> None:
         one.set_ylabel(name)
     for one in axes:
         one.margins(x=0.0)
-    axes[-1].set_xlabel("Time [s]")
+    axes[-1].set_xlabel(TIME_LABEL)
 
 
 def settled_scale(ax: Any, t: Any, *signals: Any) -> None:

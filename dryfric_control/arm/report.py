@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from dryfric_control._version import __version__
 from dryfric_control.diagnosis.report.wording import cause_names
-from dryfric_control.drawing import MEASURED, label_axes, legend_above
+from dryfric_control.drawing import MEASURED, TIME_LABEL, label_axes, legend_above
 from dryfric_control.estimation.force_residual import Sliding
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.friction_curve import draw_curve
@@ -92,7 +92,7 @@ def draw_joint(found: ArmDiagnoses, joint: str, left: Any, right: Any) -> None:
     right.plot(sliding.t, sliding.u, ".", color=MEASURED, ms=2, label="measured")
     right.plot(*_required_drive(*nominal), "C0--", lw=0.8, label="needed by the model")
     right.plot(*_required_drive(axis, record), "k-", lw=0.8, label="with the causes")
-    label_axes(right, "Time [s]", typeset_signs(f"drive [{force}]"))
+    label_axes(right, TIME_LABEL, typeset_signs(f"drive [{force}]"))
     legend_above(right)
 
 

@@ -9,7 +9,14 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import instance, one_of
-from dryfric_control.drawing import PanelPlot, axes_of, control_plot, label_axes, title_above
+from dryfric_control.drawing import (
+    TIME_LABEL,
+    PanelPlot,
+    axes_of,
+    control_plot,
+    label_axes,
+    title_above,
+)
 from dryfric_control.estimation.smoothed_motion import (
     SmoothedMotion,
     distance_since_reversal,
@@ -137,12 +144,8 @@ class ForceMap(Result):
                 one.fill_between(curve.at, curve.low, curve.high, color=colour, alpha=0.15, lw=0)
                 one.plot(curve.at, curve.force, color=colour, lw=1.4, label=f"{label}{way}")
             one.axhline(0.0, color="0.7", lw=0.8, zorder=0)
-            label_axes(
-                one,
-                f"{words} [{self.unit_over(name)}]",
-                f"force [{self.units[1]}]",
-                legend=one is axes[0],
-            )
+            over = TIME_LABEL if name == "time" else f"{words} [{self.unit_over(name)}]"
+            label_axes(one, over, f"force [{self.units[1]}]", legend=one is axes[0])
 
 
 def force_map(axis: FrictionAxis, record: Record, hold: str = "zero") -> ForceMap:

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import check_boolean, finite, instance, positive, warn, whole
-from dryfric_control.drawing import MEASURED, label_axes, panels
+from dryfric_control.drawing import MEASURED, TIME_LABEL, label_axes, panels
 from dryfric_control.estimation import uncertainty
 from dryfric_control.estimation.force_residual import Sliding, force_start
 from dryfric_control.estimation.likelihood import Likelihood, Run, prepare
@@ -287,7 +287,7 @@ class Fit(Saved, Result):
         if least < _NOTHING * first.quantum:
             # Windows at rest, which every model holds, must not squeeze the others together.
             bottom.set_ylim(bottom=_NOTHING * first.quantum / factor)
-        label_axes(bottom, "Time [s]", f"RMS error [{unit}]")
+        label_axes(bottom, TIME_LABEL, f"RMS error [{unit}]")
         return f"{axis.name}: fit"
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import finite, instance
-from dryfric_control.drawing import MEASURED, label_axes, panels
+from dryfric_control.drawing import MEASURED, TIME_LABEL, label_axes, panels
 from dryfric_control.estimation.windows import Windows, cut
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.loops import PositionController, simulate_loop
@@ -85,7 +85,7 @@ class Replay(Result):
         axes[0].plot(t, runs, "k-", lw=1, label="free runs")
         label_axes(axes[0], y=f"position [{length}]")
         _draw_error(axes[1], t, errors, length)
-        axes[1].set_xlabel("Time [s]")
+        axes[1].set_xlabel(TIME_LABEL)
         return f"{self.axis.name}: free runs"
 
 
@@ -198,7 +198,7 @@ class LoopReplay(Result):
         _draw_error(axes[1], t, y[0] - self.record.x, length)
         axes[2].plot(t, self.record.u, ".", color=MEASURED, ms=4, label="measured")
         axes[2].plot(t, y[4], "k-", lw=0.8, label="model")
-        label_axes(axes[2], "Time [s]", f"drive force [{force}]")
+        label_axes(axes[2], TIME_LABEL, f"drive force [{force}]")
         return str(self.response.title)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import instance, positive, warn
-from dryfric_control.drawing import MEASURED, label_axes, panels
+from dryfric_control.drawing import MEASURED, TIME_LABEL, label_axes, panels
 from dryfric_control.identification.fit import FitWarning
 from dryfric_control.model.axis import FrictionAxis, span_of
 from dryfric_control.model.loops import PositionController, simulate_loop
@@ -74,7 +74,7 @@ class SlowRamp(Result):
         axes[0].plot(record.t, self.reference, "--", color="C0", lw=1, label="reference")
         label_axes(axes[0], y=f"position [{length}]")
         axes[1].plot(record.t, record.u, "-", color="0.4", lw=0.8)
-        label_axes(axes[1], "Time [s]", f"drive force [{force}]", legend=False)
+        label_axes(axes[1], TIME_LABEL, f"drive force [{force}]", legend=False)
         return record.name or "slow ramp"
 
 

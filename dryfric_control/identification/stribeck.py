@@ -10,7 +10,7 @@ import numpy as np
 
 from dryfric_control.arrays import Ints
 from dryfric_control.checks import instance, whole
-from dryfric_control.drawing import MEASURED, label_axes, panels
+from dryfric_control.drawing import MEASURED, TIME_LABEL, label_axes, panels
 from dryfric_control.estimation.likelihood import Run
 from dryfric_control.estimation.parameters import choose, typical, values_of
 from dryfric_control.identification.fit import WINDOW, Fit, maximise_likelihood, problem_of
@@ -126,7 +126,7 @@ class StribeckIdentification(Result):
             axes[0].plot(places, low, "--", color="C2", lw=1, label=level)
             axes[0].plot(places, high, ":", color="C3", lw=1, label=most)
         label_axes(axes[0], f"position [{length}]", f"drive force [{force}]")
-        label_axes(axes[1], "Time [s]", f"drive force [{force}]", legend=False)
+        label_axes(axes[1], TIME_LABEL, f"drive force [{force}]", legend=False)
         if self.measured is not None:
             # A dozen periods: the whole record would hide the ripple.
             middle = float(record.t[len(record) // 4])

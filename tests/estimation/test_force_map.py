@@ -79,7 +79,7 @@ def test_figures_have_units():
     found = driven(AXIS).force_map(AXIS)
     labels = [ax.get_xlabel() for ax in found.plot().axes.ravel()]
     assert labels == [
-        "position [m]", "velocity [m/s]", "drive [N]", "time [s]", "distance since reversal [m]",
+        "position [m]", "velocity [m/s]", "drive [N]", "Time [s]", "distance since reversal [m]",
     ]  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from dryfric_control.diagnosis.evidence import Evidence, bin_values, blind_sampl
 from dryfric_control.diagnosis.report import wording
 from dryfric_control.diagnosis.report.findings import Findings, plain_number
 from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
-from dryfric_control.drawing import axes_of, control_plot, label_axes, legend_above
+from dryfric_control.drawing import TIME_LABEL, axes_of, control_plot, label_axes, legend_above
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.model.friction_curve import draw_curve, friction_over_velocity
 from dryfric_control.text import prefix_unit, rotary_words, typeset_signs
@@ -32,7 +32,7 @@ _BOTH_WAYS = "position [{length}]\n(marks: > forwards, < backwards)"
 AGAINST = {
     "velocity": ("v", "velocity [{length}/s]"),
     "position": ("x", _BOTH_WAYS),
-    "time": ("t", "Time [s]"),
+    "time": ("t", TIME_LABEL),
     "reversal": ("since_reversal", "time since reversal [s]"),
 }
 PANELS = 5 + len(AGAINST)
@@ -167,7 +167,7 @@ def draw_difference(
     for k in edges[1:-1]:
         ax.axvline(record.t[k], color="0.6", lw=0.6, ls=":", zorder=0)
     ax.margins(x=0.01)
-    label_axes(ax, "Time [s]", f"simulated \N{MINUS SIGN} measured [{unit}]")
+    label_axes(ax, TIME_LABEL, f"simulated \N{MINUS SIGN} measured [{unit}]")
 
 
 def draw_friction_curves(d: Findings, before: Evidence, after: Evidence | None, ax: Any) -> None:
@@ -226,7 +226,7 @@ def draw_errors(d: Findings, before: Evidence, after: Evidence | None, ax: Any) 
     if d.gain.floor > 0.0:
         ax.axhline(d.gain.floor / factor, color="k", lw=1.2, ls=":", label="noise floor (RMS)")
     ax.set_xlim(ends[0], ends[-1])
-    label_axes(ax, "Time [s]", f"RMS error [{unit}]")
+    label_axes(ax, TIME_LABEL, f"RMS error [{unit}]")
 
 
 def draw_residual(

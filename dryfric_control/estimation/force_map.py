@@ -35,6 +35,8 @@ _BINS = 24
 _FEWEST = 5
 # Quantiles of the force in a bin that its band spans.
 _BAND = (0.1, 0.9)
+# Opacity of the band.
+_SHADE = 0.15
 
 #: Names of the curves and what they are drawn over.
 OVER = {
@@ -118,6 +120,9 @@ class ForceMap(Result):
     def plot(self, ax: Any = None, title: str | None = None) -> PanelPlot:
         """Draw the curves with their bands, one panel each.
 
+        A curve is the median of the force in bins of as many samples each; its band holds the
+        samples between the 10 % and the 90 % quantile.
+
         Parameters
         ----------
         ax : sequence of five Axes, optional
@@ -137,11 +142,14 @@ class ForceMap(Result):
 
     def draw(self, axes: Any, colours: tuple[str, str] = ("C0", "C1"), label: str = "") -> None:
         """Draw the curves in given axes."""
+        # One entry for the bands of both directions.
+        words = f"{' to '.join(map(percent, _BAND))} of the samples"
+        axes[0].fill_between([], [], color="0.5", alpha=_SHADE, lw=0, label=words)
         for one, (name, words) in zip(axes, OVER.items(), strict=True):
             for curve in self.curves[name]:
                 colour = colours[0 if curve.direction > 0 else 1]
                 way = "forwards" if curve.direction > 0 else "backwards"
-                one.fill_between(curve.at, curve.low, curve.high, color=colour, alpha=0.15, lw=0)
+                one.fill_between(curve.at, curve.low, curve.high, color=colour, alpha=_SHADE, lw=0)
                 one.plot(curve.at, curve.force, color=colour, lw=1.4, label=f"{label}{way}")
             one.axhline(0.0, color="0.7", lw=0.8, zorder=0)
             over = TIME_LABEL if name == "time" else f"{words} [{self.unit_over(name)}]"

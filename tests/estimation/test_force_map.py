@@ -83,6 +83,12 @@ def test_figures_have_units():
     ]  # fmt: skip
 
 
+def test_the_legend_says_what_the_bands_are():
+    axes = driven(AXIS).force_map(AXIS).plot().axes.ravel()
+    names = [text.get_text() for text in axes[0].get_legend().get_texts()]
+    assert names == ["10 % to 90 % of the samples", "forwards", "backwards"]
+
+
 def test_a_first_look_does_not_compile_what_moves_an_axis():
     """It takes half a minute of a core with an empty cache, and a picture needs none of it."""
     look = (

@@ -213,6 +213,32 @@ def test_a_law_that_reads_numbers_not_its_own_is_refused(count, law, shared, wor
     assert fx.register_effect(reader) is reader
 
 
+def own_spring(module):
+    """A class of a user with the name of one of the package, as a notebook defines it."""
+    body = {"action": "force", "law": staticmethod(lambda *_: 0.0), "__module__": module}
+    return type("Spring", (fx.Effect,), body)
+
+
+@pytest.mark.parametrize("module", ["__main__", "my_effects"])
+def test_an_effect_of_a_user_does_not_take_the_place_of_one_of_the_package(module):
+    with pytest.raises(ValueError, match=r"Spring: the id 'spring' is that of .*rename the class"):
+        fx.register_effect(own_spring(module))
+    assert REGISTRY["spring"] is fx.Spring
+
+
+@pytest.mark.parametrize("later", ["__main__", "my_effects"])
+def test_an_effect_of_a_user_may_be_defined_anew(later):
+    """A cell that is run again, or a class that moves from a notebook into a module."""
+    body = {"action": "force", "law": staticmethod(lambda *_: 0.0)}
+    first, again = (type("OwnPull", (fx.Effect,), body | {"__module__": module})
+                    for module in ("__main__", later))  # fmt: skip
+    try:
+        fx.register_effect(first)
+        assert fx.register_effect(again) is again is REGISTRY["own_pull"]
+    finally:
+        del REGISTRY["own_pull"]
+
+
 def test_a_plain_class_is_registered_under_its_name():
     class SoftEdge(fx.Effect):
         strength: float = fx.parameter("N", "force")

@@ -8,6 +8,7 @@ import inspect
 import itertools
 import math
 import re
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, dataclass_transform
@@ -800,8 +801,22 @@ def _check_slug(cls: type[Effect]) -> None:
             f"{cls.__name__}.slug must be a lower-case word, no number behind it, got {slug!r}"
         )
     known = REGISTRY.get(slug)
-    if known is not None and known.__qualname__ != cls.__qualname__:
-        raise ValueError(f"slug {slug!r} belongs to {known.__name__}: choose another")
+    if known is None:
+        return
+    # A class of a user may be defined anew, also in another notebook or script.
+    others = _is_of_package(known) and known.__module__ != cls.__module__
+    if others or known.__qualname__ != cls.__qualname__:
+        raise ValueError(
+            f"{cls.__name__}: the id {slug!r} is that of {known.__module__}.{known.__qualname__}; "
+            "rename the class, or choose another slug"
+        )
+
+
+def _is_of_package(cls: type[Effect]) -> bool:
+    """Whether a module of the package has the class, not an example in one of its docstrings."""
+    module = cls.__module__
+    inside = module.partition(".")[0] == __name__.partition(".")[0]
+    return inside and getattr(sys.modules.get(module), cls.__name__, None) is cls
 
 
 def _document_parameters(cls: type[Effect]) -> None:

@@ -58,10 +58,10 @@ magnitude, for each direction) and $t$ the time; an arrow shows what replaces wh
 parameters. Units are those of an axis in metres and newtons; a rotary axis has radians and newton
 metres.
 
-Effects can be combined freely. Forces add up; of the friction, shares of the level (by place, time
-or warm-up) multiply, and act on the level of each direction. An axis has at most one delay, one
-lag, one `presliding`, and one of `backlash` or `compliance`; of the others it may have several. The
-second of a kind has the name `cogging_2`, as in `fit(..., free=("cogging_2.amplitude",))`;
+Effects can be combined freely. Forces add up; of the friction, shares of the level (by position,
+time or warm-up) multiply, and act on the level of each direction. An axis has at most one delay,
+one lag, one `presliding`, and one of `backlash` or `compliance`; of the others it may have several.
+The second of a kind has the name `cogging_2`, as in `fit(..., free=("cogging_2.amplitude",))`;
 `axis.named_effects()` lists them.
 
 ## Signature of a missing effect

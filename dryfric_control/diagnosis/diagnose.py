@@ -504,7 +504,7 @@ class _Answer:
             unit = problem.believed.units[1]
             found.append(
                 f"noise of {noise:.2g} {unit} RMS was recorded with the input "
-                "and does not act on the axis: it was taken off"
+                "and does not act on the axis: it was removed"
             )
         return found
 

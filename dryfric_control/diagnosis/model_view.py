@@ -294,7 +294,7 @@ class ModelView:
     def waves(self, kind: str) -> tuple[list[float], float]:
         """Strongest frequencies of "force" or "reading" along x, or of "time"; lobes searched.
 
-        The slopes of the residual's square with the force at each sample, summed over place or
+        The slopes of the residual's square with the force at each sample, summed over position or
         time, give those with every sine at once, by a Fourier transform.
         """
         force, reading = self._slopes

@@ -76,7 +76,7 @@ class Slider:
 
 
 class ForceExplorer:
-    """What remains of the drive over velocity and place, with the numbers of a model to turn.
+    """What remains of the drive over velocity and position, with the numbers of a model to turn.
 
     In a notebook with ipywidgets it has sliders; elsewhere it is a picture, and `set` turns the
     numbers.  `axis` is the model as it stands, to go on with.
@@ -145,8 +145,8 @@ class ForceExplorer:
         ----------
         **values : float
             mass (inertia of a rotary axis), viscous, coulomb, excess and stribeck_speed of the
-            axis; stiffness and constant of a line over place, a spring at rest in the middle of the
-            record and a bias force.
+            axis; stiffness and constant of a line over position, a spring at rest in the middle of
+            the record and a bias force.
         """
         if "inertia" in values and self._start.units[0] == "rad":
             values["mass"] = values.pop("inertia")
@@ -190,7 +190,7 @@ class ForceExplorer:
         return float(np.sqrt(np.mean(self.missing**2)))
 
     def plot(self, ax: Any = None, title: str | None = None) -> PanelPlot:
-        """Draw the force that is missing over velocity and over place.
+        """Draw the force that is missing over velocity and over position.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What remains of the drive, over place, velocity, drive, time and distance since a reversal."""
+"""What remains of the drive, over position, velocity, drive, time and distance since a reversal."""
 
 from __future__ import annotations
 

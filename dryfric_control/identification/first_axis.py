@@ -55,7 +55,7 @@ class ForceRegression(Result):
     parameters: dict[str, float] = stated("Values as the regression gives them.")
     standard_errors: dict[str, float] = stated("Their standard errors, of correlated residuals.")
     constant: float = stated("Constant force beside them, which is not in the axis [N].")
-    slope: float = stated("Force over place beside them, which is not in the axis [N/m].")
+    slope: float = stated("Slope of the force over position beside them, not in the axis [N/m].")
     rms: float = stated("RMS of the drive that is left [N].")
     messages: tuple[str, ...] = stated("What the record does not determine, and a doubtful unit.")
 
@@ -80,7 +80,8 @@ class ForceRegression(Result):
         length = self.axis.units[0]
         yield (
             f"left of the drive: {self.rms:.3g} {force} RMS; beside these the drive has a constant "
-            f"part of {self.constant:.3g} {force} and {self.slope:.3g} {force}/{length} over place"
+            f"part of {self.constant:.3g} {force} and {self.slope:.3g} {force}/{length} over "
+            "position"
         )
         level = self.axis.coulomb.mean
         if self.rms > _LEFT * level:
@@ -120,9 +121,9 @@ def axis_from(record: RecordLike) -> FrictionAxis:
     Notes
     -----
     The drive is regressed on acceleration, velocity and direction of motion, all through one
-    smoothing kernel, with a constant force and one over place beside them, which are left out of
-    the axis: what they are is for `diagnose` to say.  A cause that the axis lacks bends the values;
-    `fit` and `diagnose` go on from them.
+    smoothing kernel, with a constant force and one linear in position beside them, which are left
+    out of the axis: what they are is for `diagnose` to say.  A cause that the axis lacks bends the
+    values; `fit` and `diagnose` go on from them.
 
     Examples
     --------
@@ -178,7 +179,7 @@ def force_regression(record: RecordLike) -> ForceRegression:
     if not found.errors[2] < _HARDLY * found.values[2]:
         found = found.without(VISCOUS)
         messages.append(
-            "viscous and coulomb are not told apart by this record, of nearly one velocity: the "
+            "viscous and coulomb are not separated by this record, of nearly one velocity: the "
             "level has both, viscous is taken as 0"
         )
     values = found.values

@@ -31,7 +31,7 @@ _FAR = 100.0
 
 
 def far_from_zero_messages(axis: FrictionAxis, records: Sequence[Record]) -> list[str]:
-    """What to say of forces that are periodic in place, with a phase at a place far away."""
+    """What to say of forces that are periodic in position, with a phase far from it."""
     found = []
     for effect in axis.effects:
         period = getattr(effect, "period", None)

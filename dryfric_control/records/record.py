@@ -714,7 +714,7 @@ class Record(Saved):
         return Derivatives(x, v, a)
 
     def force_map(self, axis: FrictionAxis | None = None, hold: str = "zero") -> ForceMap:
-        """What remains of the drive: over place, velocity and time.
+        """What remains of the drive: over position, velocity and time.
 
         The force that the motion requires, beyond drive and friction of a model: a picture of what
         the model lacks, before any fit.  It has the drive and what follows a reversal, too.
@@ -771,8 +771,8 @@ class Record(Saved):
         """What remains of the drive, with sliders for the model.
 
         In a notebook with ipywidgets (the extra ``interactive``) the picture is redrawn while mass,
-        viscous coefficient, Coulomb level, Stribeck peak and a line over place are turned; without
-        it, it is a picture.  ``explore(axis).axis`` is the model as it stands.
+        viscous coefficient, Coulomb level, Stribeck peak and a line over position are turned;
+        without it, it is a picture.  ``explore(axis).axis`` is the model as it stands.
 
         Parameters
         ----------

@@ -135,7 +135,7 @@ def _require_numbers(name: str, array: np.ndarray) -> None:
     if array.dtype.kind in "iu" and max(abs(int(array.max())), abs(int(array.min()))) > 2**53:
         raise ValueError(
             f"{name} holds whole numbers beyond 2^53, such as {array[0]}, which float64 cannot "
-            f"tell apart; pass {name} - {name}[0]"
+            f"distinguish; pass {name} - {name}[0]"
         )
 
 

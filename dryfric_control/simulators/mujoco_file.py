@@ -231,7 +231,7 @@ def _override_notes(
 def _springdamper_note(joint: str, keeps_stiffness: bool) -> str:
     """What becomes of a springdamper."""
     spring = "its stiffness stays" if keeps_stiffness else "its spring goes with it"
-    return f"{joint}: springdamper, which overrides damping, is taken off; {spring}"
+    return f"{joint}: springdamper, which overrides damping, is removed; {spring}"
 
 
 def _read_back(

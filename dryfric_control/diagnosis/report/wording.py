@@ -59,7 +59,7 @@ def check_text(d: Findings) -> str:
     if d.unexplained.significant and d.unexplained.where:
         return f"what happens where the error is largest: {places_text(d)}."
     if d.unexplained.significant:
-        return "the same motion again: the error is tied to no place, velocity or time."
+        return "the same motion again: the error is spread over the record, with no clear location."
     if d.causes or d.varies:
         return "the values above, against data sheets and a second record."
     if d.verdict in _SETTLED:
@@ -140,7 +140,7 @@ def cause_meaning(d: Findings, cause: Cause) -> list[str]:
 
 
 def acts_on_level(cause: Cause) -> bool:
-    """Whether a cause makes the Coulomb level depend on place or direction."""
+    """Whether a cause makes the Coulomb level depend on position or direction."""
     effect = class_of(cause.effect)
     if effect is None or effect.action != "friction":
         return False

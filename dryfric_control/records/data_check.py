@@ -213,14 +213,23 @@ def check_record(record: Record, units: tuple[str, str], told: Sequence[str] = (
     return replace(found, messages=(*told, *own))
 
 
+# Drives that are no force, by unit: in words, their unit in words, and what makes a force of them.
+_NO_FORCES = {
+    "A": ("current", "amperes", "gain=dfc.Scaling(torque_constant=...)"),
+    "V": ("voltage", "volts", 'gain={"u": ...} [N/V]'),
+    "Pa": ("pressure", "pascals", "gain=dfc.Scaling(piston_area=...)"),
+}
+
+
 def _messages(found: RecordCheck, record: Record) -> Iterator[str]:
     """What a user has to know before a fit."""
     if is_undriven(record):
         yield "no drive: only ratios to the mass can be determined; give it as known"
-    if found.units[1] == "A":
+    if found.units[1] in _NO_FORCES:
+        drive, units, mend = _NO_FORCES[found.units[1]]
         yield (
-            "the drive is a current: forces and mass are in amperes until "
-            "gain=dfc.Scaling(torque_constant=...) of read_record makes a force of it"
+            f"the drive is a {drive}: forces and mass are in {units} until {mend} of read_record "
+            "makes a force of it"
         )
     if (taken := energy_message(record, found.units)) is not None:
         yield taken

@@ -173,6 +173,61 @@ def test_a_current_is_no_force(heading):
         assert "u" not in dfc.read_record({"t": T, "torque": U, "x": X}).units
 
 
+@pytest.mark.parametrize(
+    "heading", ["voltage", "motor_voltage", "Spannung", "voltage.q", "Motorspannung"]
+)
+def test_a_voltage_is_no_force(heading):
+    table, which = {"t": T, heading: U, "x": X}, {"u": heading}
+    with pytest.warns(dfc.RecordWarning, match=rf"'{heading}' is a voltage.*\[N/V\]"):
+        record = dfc.read_record(table, which)
+    assert record.units["u"] == "V" and f"u is in V: {heading!r} is a voltage" in record.notes
+    assert any("the drive is a voltage" in message for message in record.check().messages)
+    with pytest.raises(ValueError, match="u is in 'V', the axis has 'N'"):
+        dfc.replay(AXIS, record)
+    with warnings.catch_warnings(action="error"):
+        assert "u" not in dfc.read_record(table, which, gain=35.0).units
+        assert dfc.read_record(table, which, units={"u": "N"}).units["u"] == "N"
+
+
+@pytest.mark.parametrize("heading", ["pressure", "Druck", "Zylinderdruck", "pression"])
+def test_a_pressure_without_a_unit_is_taken_as_a_force_and_that_is_said(heading):
+    """It may be in bar or in pascals: no unit of a pressure can be assumed."""
+    table, which = {"t": T, heading: U, "x": X}, {"u": heading}
+    with pytest.warns(dfc.RecordWarning, match=f"'{heading}' is a pressure.*taken as N.*piston"):
+        record = dfc.read_record(table, which)
+    assert "u" not in record.units
+    (note,) = [one for one in record.notes if "is a pressure" in one]
+    assert note.startswith("u is taken as N: ") and "piston_area=" in note
+    with warnings.catch_warnings(action="error"):
+        area = dfc.Scaling(piston_area=2e-3)
+        said = dfc.read_record(table, which, gain=area, units={"u": "bar"})
+        assert said.units["u"] == "N" and said.raw["u"] == ("bar", pytest.approx(200.0))
+        assert dfc.read_record(table, which, units={"u": "N"}).units["u"] == "N"
+        bare = dfc.read_record(table, which, units={"u": "bar"})
+    assert any("the drive is a pressure" in message for message in bare.check().messages)
+
+
+@pytest.mark.parametrize("heading", ["force", "Druckkraft", "Presskraft", "torque", "u"])
+def test_a_force_is_no_pressure(heading):
+    with warnings.catch_warnings(action="error"):
+        record = dfc.read_record({"t": T, heading: U, "x": X}, {"u": heading})
+    assert "u" not in record.units and not any("taken as" in note for note in record.notes)
+
+
+def test_a_velocity_without_a_unit_that_makes_the_position_is_told():
+    table = {"t": T, "u [N m]": U, "speed": X}
+    said = r"v has no unit: taken in rad/s; give it, units=\{\"v\": \"rpm\"\}"
+    with pytest.warns(dfc.RecordWarning, match=said):
+        record = dfc.read_record(table)
+    assert any(note.startswith("v has no unit: taken in rad/s") for note in record.notes)
+    with pytest.warns(dfc.RecordWarning, match="integral of the velocity$"):
+        turned = dfc.read_record(table, units={"v": "rpm"})
+    assert turned.units["v"] == "rad/s" and not any("no unit" in note for note in turned.notes)
+    with warnings.catch_warnings(action="error"):
+        quiet = dfc.read_record(table, {"x": None})
+    assert any(note.startswith("v has no unit: taken in rad/s") for note in quiet.notes)
+
+
 def test_the_force_of_an_axis_that_turns_is_a_torque():
     counts = np.round(1e5 * X)
     record = dfc.read_record({"t": T, "u": U, "x": counts}, gain=dfc.Scaling(counts_per_turn=4096))

@@ -19,7 +19,7 @@ from dryfric_control.records.record_warning import warn
 from dryfric_control.records.refusal import RefusalError
 from dryfric_control.records.scaling import Gain, Scaling
 from dryfric_control.text import did_you_mean, page_reference
-from dryfric_control.units import SUFFIXES, known_unit, si_unit
+from dryfric_control.units import SUFFIXES, known_unit, si_unit, usual_units
 
 ROLES = ("t", "u", "x", "reference")
 MAX_ROWS = 10_000_000  # 0.3 GB for four columns
@@ -79,6 +79,13 @@ class Meaning(NamedTuple):
     joint: str = ""
 
 
+class DriveQuantity(NamedTuple):
+    """What a drive is by its heading, both empty where this does not say it."""
+
+    quantity: str = ""
+    heading: str = ""
+
+
 @dataclass(frozen=True)
 class Channels:
     """The channels of one source by role, not yet judged, and what is known of them."""
@@ -94,7 +101,7 @@ class Channels:
     masked: tuple[str, ...] | None = None
     clocks: dict[str, Any] = field(default_factory=dict)  # stamps of channels with their own
     lacking: str = ""  # what to say of the first number that is missing
-    current: str = ""  # heading by which the drive is a current, in a unit or in none
+    drive: DriveQuantity = field(default_factory=DriveQuantity)
 
 
 class Wanted(NamedTuple):
@@ -594,17 +601,21 @@ def _same_joint(role: str, names: list[str], chosen: Mapping[str, int]) -> list[
     return columns_by_name(role, own) or columns_by_name(role, names)
 
 
-def current_heading(headings: list[str], chosen: Mapping[str, int]) -> str:
-    """Heading of the drive if it names a current, else nothing."""
+def drive_quantity(headings: list[str], chosen: Mapping[str, int]) -> DriveQuantity:
+    """Quantity that the heading of the drive names, and the heading."""
     heading = headings[chosen["u"]].strip() if "u" in chosen else ""
     name = split_header(heading)[0]
     usual = parse_heading(name).usual or name.casefold()
-    words = re.split(r"[_.]", usual)
-    named = any(
-        one in words or (one in usual and (len(one) > 2 or not one.isascii()))
-        for one in _SAID["quantities"]["current"]
-    )
-    return heading if named else ""
+    for quantity, parts in _SAID["quantities"].items():
+        if any(_has_part(usual, one) for one in parts):
+            return DriveQuantity(quantity, heading)
+    return DriveQuantity()
+
+
+def _has_part(usual: str, part: str) -> bool:
+    """Whether a name has a part in it; a short one only as a word of its own."""
+    is_long = len(part) > 2 or not part.isascii()
+    return part in re.split(r"[_.]", usual) or (is_long and part in usual)
 
 
 def left_out(headings: list[str], chosen: Mapping[str, int]) -> tuple[str, ...]:
@@ -717,6 +728,29 @@ def units_by_role(units: Any) -> dict[str, Any]:
     return dict(units or {})
 
 
+# What a drive is in that is no force and has no unit, in words, and how to fix it.
+_NO_FORCES = {
+    "current": (
+        "A",
+        "taken in amperes",
+        "give what one makes, gain=dfc.Scaling(torque_constant=...) [N m/A] or "
+        'force_constant= [N/A], or state another unit, units={"u": "..."}',
+    ),
+    "voltage": (
+        "V",
+        "taken in volts",
+        'give what one makes, gain={"u": ...} [N/V], or state another unit, units={"u": "..."}',
+    ),
+    # Bar or pascal: nobody knows.
+    "pressure": (
+        "",
+        "taken as",
+        'give its unit and the area, units={"u": "bar"} and gain=dfc.Scaling(piston_area=...) '
+        '[m^2], or state that of a force, units={"u": "N"}',
+    ),
+}
+
+
 def to_si(found: Channels, gain: Gain, declared: Any = None) -> Channels:
     """Channels in SI units with the gains applied; `declared`: units as stored or of products."""
     scaling = Scaling.of(gain)
@@ -742,10 +776,11 @@ def to_si(found: Channels, gain: Gain, declared: Any = None) -> Channels:
             quantum *= abs(factor)
         if si:
             units[role] = si
-    if found.current and not {"u"} & {*units, *scaling.gain}:
-        units["u"] = "A"
-        notes.append(f"u is in A: {found.current!r} is a current")
-        _warn_of_current(found)
+    if found.drive.quantity in _NO_FORCES and not {"u"} & {*units, *scaling.gain}:
+        unit, note = _taken_drive(found, units)
+        notes.append(note)
+        if unit:
+            units["u"] = unit
     _check_reference_unit(units.pop("reference", ""), units.get("x", ""), found.where)
     return replace(found, values=values, units=units, notes=tuple(notes), raw=raw, quantum=quantum)
 
@@ -759,13 +794,17 @@ def _check_gain_channels(scaling: Scaling, found: Channels) -> None:
             )
 
 
-def _warn_of_current(found: Channels) -> None:
-    """Tell of a drive that is a current, and of which the caller does not say what one makes."""
-    warn(
-        f"{found.where}: {found.current!r} is a current, not a force, and is taken in amperes: "
-        "give what one makes, gain=dfc.Scaling(torque_constant=...) [N m/A] or "
-        'force_constant= [N/A], or state another unit, units={"u": "..."}'
-    )
+def _taken_drive(found: Channels, units: Mapping[str, str]) -> tuple[str, str]:
+    """Unit of a drive that is no force and has none, and the note of it; a warning says it, too."""
+    quantity, heading = found.drive
+    unit, words, mend = _NO_FORCES[quantity]
+    if unit:
+        note = f"u is in {unit}: {heading!r} is a {quantity}"
+    else:
+        words += f" {usual_units(units)[1]}"
+        note = f"u is {words}: {heading!r} is a {quantity} without a unit; {mend}"
+    warn(f"{found.where}: {heading!r} is a {quantity}, not a force, and is {words}: {mend}")
+    return unit, note
 
 
 def _check_reference_unit(reference: str, x: str, where: str) -> None:

@@ -19,6 +19,7 @@ from dryfric_control.records.readers.sources import read_channels
 from dryfric_control.records.record_warning import warn
 from dryfric_control.records.refusal import RefusalError
 from dryfric_control.records.scaling import Gain, Scaling
+from dryfric_control.units import usual_units
 
 # Arguments that need not be said.
 _USUAL = (("max_rows", MAX_ROWS), ("hold", "zero"))
@@ -95,8 +96,8 @@ def _read(
     values: dict[str, Any] = {"u": None, "x": None, **found.values}
     if found.lacking and not wanted.lenient:
         raise RefusalError(found.lacking, dt=_usual_step(values["t"]))
-    if values["x"] is None and "x" not in (columns or {}):
-        _warn_of_integral(found)
+    if values["x"] is None:
+        found = _without_position(found, wanted)
     options = {**_record_options(found, values, name), "unwrap": unwrap}
     try:
         gaps = step is not None and any(map(_has_gaps, values.values()))
@@ -128,8 +129,22 @@ def _check_options(
         raise ValueError(f"database must be the path of a DBC or an EDS, got {database!r}")
 
 
-def _warn_of_integral(found: Channels) -> None:
-    warn(f"{found.name or 'the source'} has no position: it is the integral of the velocity")
+def _without_position(found: Channels, wanted: Wanted) -> Channels:
+    """Channels with a doubt about the velocity as a note; warns unless the caller asked for it."""
+    doubt = _velocity_doubt(found)
+    if "x" not in (wanted.columns or {}):
+        where = found.name or "the source"
+        behind = f"; {doubt}" if doubt else ""
+        warn(f"{where} has no position: it is the integral of the velocity{behind}")
+    return replace(found, notes=(*found.notes, doubt)) if doubt else found
+
+
+def _velocity_doubt(found: Channels) -> str:
+    """What is taken for the unit of a velocity that makes the position, if nobody stated it."""
+    if "v" not in found.values or "v" in found.units:
+        return ""
+    length = usual_units(found.units)[0]
+    return f'v has no unit: taken in {length}/s; give it, units={{"v": "rpm"}} for example'
 
 
 def _needs_time(dt: float | None, rate: float | None) -> bool | None:

@@ -156,7 +156,7 @@ def _select_columns(
     elif listed:
         found = replace(found, notes=found.notes + channels.left_out(headings, chosen))
     notes = found.notes + channels.guess_notes(known, chosen, wanted)
-    return replace(found, notes=notes, current=channels.current_heading(known, chosen))
+    return replace(found, notes=notes, drive=channels.drive_quantity(known, chosen))
 
 
 def _emps_gain(
@@ -208,8 +208,8 @@ def _select_log_channels(log: LogFile, start: Channels, wanted: Wanted) -> Chann
     values = {role: one.values for role, one in found.items()}
     notes = start.notes + channels.left_out(headings, chosen)
     notes += channels.guess_notes(headings, chosen, wanted)
-    current = channels.current_heading(headings, chosen)
-    return replace(start, values=values, units=units, notes=notes, clocks=clocks, current=current)
+    drive = channels.drive_quantity(headings, chosen)
+    return replace(start, values=values, units=units, notes=notes, clocks=clocks, drive=drive)
 
 
 def _common_time(log: LogFile, heading: str, found: dict[str, Channel], where: str) -> Any:

@@ -131,7 +131,7 @@ def read_text(path: Path, start: Channels, wanted: Wanted) -> Channels:
         units["t"] = "" if epoch_of(values.pop("t")) else units["t"]
     start = replace(
         start, values=values, units=units, clocks=clocks, lacking=text.lacking,
-        current=channels.current_heading(text.headings, text.chosen),
+        drive=channels.drive_quantity(text.headings, text.chosen),
     )  # fmt: skip
     if own := _own_notes(text):
         return replace(start, **own)

@@ -14,6 +14,7 @@ from dryfric_control.arm.model_errors import ModelError, find_model_errors
 from dryfric_control.arm.rigid_model import Motion, RigidArm, means_of_samples
 from dryfric_control.arrays import Floats
 from dryfric_control.checks import check_boolean, instance
+from dryfric_control.diagnosis.joints import base_words
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.records.record import Record
 from dryfric_control.text import Result, documented, percent, stated
@@ -134,7 +135,9 @@ class ArmRecords(Result, Mapping[str, tuple[FrictionAxis, Record]]):
         return _with_coupling(self.arm.without(errors), records, self.motion, given, late)
 
     def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
-        head = ("joint", "inertia", "least", "largest", "unit", "load RMS", "drive RMS", "unit")
+        # A mass where a joint slides.
+        name = base_words(axis for axis, _ in self.values())[0]
+        head = ("joint", name, "least", "largest", "unit", "load RMS", "drive RMS", "unit")
         rows: list[tuple[str, ...]] = [head]
         for joint, (axis, record) in self.items():
             least, most = self.inertia[joint]

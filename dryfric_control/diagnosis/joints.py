@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +34,13 @@ from dryfric_control.text import Result, documented, length_text, rotary_words, 
 _SAVED = (Diagnosis, *Diagnosis._holds)
 #: Axis, records and errors of the known load of a joint.
 _Case = tuple[FrictionAxis, tuple[Record, ...], Floats]
+
+
+def base_words(axes: Iterable[FrictionAxis]) -> list[str]:
+    """Names of the base parameters in the words of all axes: inertia where they turn."""
+    units = {axis.units[1] for axis in axes}
+    words = ({rotary_words(name, unit) for unit in units} or {name} for name in BASE)
+    return [" or ".join(sorted(one, reverse=True)) for one in words]
 
 
 @documented
@@ -102,15 +109,9 @@ class JointDiagnoses(Result, Mapping[str, Diagnosis]):
             found[name] = (float(value), d.standard_errors.get(name), unit)
         return found
 
-    def _base_words(self) -> Iterator[str]:
-        """Names of the base parameters, in the words of all axes: inertia where they turn."""
-        for name in BASE:
-            words = (rotary_words(name, d.axis.units[1]) for d in self.values())
-            yield " or ".join(sorted(set(words), reverse=True)) or name
-
     def _summary_parts(self) -> Iterator[str | list[tuple[str, ...]]]:
-        base_words = self._base_words()
-        head = ("joint", "verdict", "causes", "free runs", *base_words, "further parameters")
+        words = base_words(d.axis for d in self.values())
+        head = ("joint", "verdict", "causes", "free runs", *words, "further parameters")
         rows: list[tuple[str, ...]] = [head]
         for joint, d in self.diagnoses.items():
             numbers = {n: with_error(*one) for n, one in self.parameters(joint).items()}

@@ -131,6 +131,7 @@ BY_TIME, BY_PLACE, BY_VELOCITY, BY_LOAD, RELATIVE, BEND = range(-6, 0)
 #: Flags of STRUCTURE, to be added.
 CONTACT = 1
 PLAY = 2
+#: With a gap, the spring is that of its ends.
 SPRING = 4
 #: The encoder is on the load.
 ON_LOAD = 8
@@ -710,16 +711,22 @@ def _crossing(a, rate, b, last_rate):
 
 
 @internal
+def edge_step(before, v, after, v1, d, cut):
+    """Length of a step of length d that ends where a distance vanishes, or `cut` if shorter."""
+    if before * after < 0.0:
+        part = _crossing(before, v * d, after, v1 * d)
+        if _SAME_END < part < 1.0 - _SAME_END:
+            return min(cut, part * d)
+    return cut
+
+
+@internal
 def kink_step(plant, t, x, v, w, x1, v1, w1, s, rest, d):
     """Length of a step that ends where a force bends; d without such a place.  w: the load."""
     numbers, i, cut = plant.numbers, plant.integers, d
     first = i[CORNERS] + i[N_CORNERS]
     for k in range(first, first + i[N_EDGES]):
-        before, after = x - numbers[k], x1 - numbers[k]
-        if before * after < 0.0:
-            part = _crossing(before, v * d, after, v1 * d)
-            if _SAME_END < part < 1.0 - _SAME_END:
-                cut = min(cut, part * d)
+        cut = edge_step(x - numbers[k], v, x1 - numbers[k], v1, d, cut)
     # What depends on the load does on its magnitude.
     if i[N_CARRIED] > 0:
         start = _transmission_load(plant, t, x, v, w, s, rest)

@@ -32,6 +32,10 @@ _SPAN = 1e-3
 # Shortest stretch of a step that is looked at for what begins and ends in it, as a fraction of the
 # step; of a flight inside a play, as a fraction of the piece.
 _FINEST_LOOK = 1.0 / 32.0
+# Part of an interval that is next to nothing.
+_AT_ONCE = 1e-6
+# Part of a step that ends where two masses part in which the spring between them may pull.
+_PULLED = 1e-3
 # Longest piece of a flight inside a play, in times in which its largest acceleration crosses it.
 _LONGEST_FLIGHT = 4.0
 # What friction may grow to in a flight, as a multiple of the breakaway friction force at its start.
@@ -60,6 +64,7 @@ class Masses(NamedTuple):
     v: float
     y: float
     p: float
+    touch: float  # side on which the ends of a gap touch, 0 if they do not
 
 
 class Strain(NamedTuple):
@@ -88,12 +93,49 @@ def _load_side(plant):
 
 
 @step.internal(forceinline=True)
+def spring_force(plant, apart, slip):
+    """Force of the spring between two masses on the one behind, by distance and relative velocity.
+
+    With a gap it begins at its ends, and pushes only.
+    """
+    half = plant.numbers[step.HALF_GAP]
+    stretch = apart - min(max(apart, -half), half)
+    force = plant.numbers[step.STIFFNESS] * stretch + plant.numbers[step.DAMPING] * slip
+    if half == 0.0:
+        return force
+    if stretch == 0.0:
+        return 0.0
+    return max(force, 0.0) if stretch > 0.0 else min(force, 0.0)
+
+
+@step.internal(forceinline=True)
+def spring_touches(plant, memory):
+    """Whether the spring between two masses acts: always, but for a gap."""
+    return abs(memory[step.OFFSET]) >= plant.numbers[step.HALF_GAP]
+
+
+@step.internal
+def _touching(side, at, h):
+    """The masses with the side on which the ends of a gap between them touch from now on.
+
+    Or next to at once, in an interval of that length.
+    """
+    half, s = side.numbers[step.HALF_GAP], math.copysign(1.0, at.x - at.y)
+    over, slip = s * (at.x - at.y) - half, s * (at.v - at.p)
+    pushes = side.numbers[step.STIFFNESS] * over + side.numbers[step.DAMPING] * slip
+    touches = over + _AT_ONCE * h * slip > 0.0 if slip > 0.0 else pushes > 0.0
+    return Masses(at.x, at.v, at.y, at.p, s if touches else 0.0)
+
+
+@step.internal(forceinline=True)
 def _transmission_force(side, drive, tau, at):
     """Force on the mass with friction: of the spring between two masses, of the drive, or both."""
     kind, force = side.integers[step.STRUCTURE], 0.0
     if kind & step.SPRING:
-        stiffness, damping = side.numbers[step.STIFFNESS], side.numbers[step.DAMPING]
-        force = stiffness * (at.x - at.y) + damping * (at.v - at.p)
+        half, damping = side.numbers[step.HALF_GAP], side.numbers[step.DAMPING]
+        if half == 0.0 or at.touch != 0.0:
+            stretch = at.x - at.y - at.touch * half
+            force = side.numbers[step.STIFFNESS] * stretch + damping * (at.v - at.p)
     if not kind & step.SPRING or kind & step.MOTOR_RUBS:
         force += step.drive_force(drive, tau)
     return force
@@ -257,17 +299,19 @@ def _stride(side, drive, t0, tau, at, strain, mode, rest, m1, k1, d):
     soon, late = rest + waited, rest + 2.0 * waited
     x, v, y, p = at.x, at.v, at.y, at.p
     xm, ym = x + half * (v + 0.25 * d * m1), y + half * (p + 0.25 * d * k1)
-    middle = Masses(xm, v + half * m1, ym, p + half * k1)
+    touch = at.touch
+    middle = Masses(xm, v + half * m1, ym, p + half * k1, touch)
     m2, k2 = _rates(side, drive, t0, t, middle, strain, mode, soon)
-    middle = Masses(xm, v + half * m2, ym, p + half * k2)
+    middle = Masses(xm, v + half * m2, ym, p + half * k2, touch)
     m3, k3 = _rates(side, drive, t0, t, middle, strain, mode, soon)
-    end = Masses(x + d * (v + half * m3), v + d * m3, y + d * (p + half * k3), p + d * k3)
+    end = Masses(x + d * (v + half * m3), v + d * m3, y + d * (p + half * k3), p + d * k3, touch)
     m4, k4 = _rates(side, drive, t0, tau + d, end, strain, mode, late)
     after = Masses(
         x + d * (v + d * (m1 + m2 + m3) / 6.0),
         v + d * (m1 + 2.0 * (m2 + m3) + m4) / 6.0,
         y + d * (p + d * (k1 + k2 + k3) / 6.0),
         p + d * (k1 + 2.0 * (k2 + k3) + k4) / 6.0,
+        touch,
     )
     numbers, turn = side.numbers, _phase_rate(side, mode)
     error = 0.0
@@ -306,8 +350,8 @@ def _sliding_deflection(side, drive, t0, tau, at, s, rest):
 def _slip_approach_rate(side, drive, t0, tau, at, m, k, s, rest, d):
     """Rate at which a deflection in direction s nears the limit at which it slides."""
     x, v, y, p, span = at.x, at.v, at.y, at.p, _SPAN * d
-    then = Masses(x + span * v, v + span * m, y + span * p, p + span * k)
-    before = Masses(x - span * v, v - span * m, y - span * p, p - span * k)
+    then = Masses(x + span * v, v + span * m, y + span * p, p + span * k, at.touch)
+    before = Masses(x - span * v, v - span * m, y - span * p, p - span * k, at.touch)
     later = _sliding_deflection(side, drive, t0, tau + span, then, s, rest)
     earlier = _sliding_deflection(side, drive, t0, tau - span, before, s, rest)
     return s * p - (later - earlier) / (2.0 * span)
@@ -370,7 +414,7 @@ def _begin_inner(side, drive, t0, at, z, mode, rest):
                 z = s * bound / stiffness
                 mode = int(s) if s * p > 0.0 else 0
         friction = _contact_force(side, z, math.inf, p)
-    now = Masses(at.x, at.v, y, p)
+    now = Masses(at.x, at.v, y, p, at.touch)
     if contact and _bristles(side):
         strain, phase = _bristle_phase(side, drive, t0, 0.0, now, z, mode, rest)
         mode, friction = _open(phase), _contact_force(side, z, strain.most, p)
@@ -433,7 +477,30 @@ def _load_step(side, drive, t0, tau, at, after, mode, rest, fades, k1, k4, d, er
         cut = step.reversal_step(at.p, after.p, _direction(mode), k1, k4, d, 0.0)
     if cut == d and step.has_kinks(side):
         cut = _kinked(side, drive, t0, tau, at, after, mode, rest, d)
+    gaps = side.integers[step.STRUCTURE] & step.SPRING and side.numbers[step.HALF_GAP] > 0.0
+    if cut == d and gaps:
+        cut = _meeting_step(side, at, after, d)
     return cut
+
+
+@step.internal
+def _meeting_step(side, at, after, d):
+    """Length of a step that ends where two masses on a spring with a gap meet or part."""
+    half, s = side.numbers[step.HALF_GAP], at.touch
+    apart, left = at.x - at.y, after.x - after.y
+    slip, later = at.v - at.p, after.v - after.p
+    if s == 0.0:
+        cut = step.edge_step(apart - half, slip, left - half, later, d, d)
+        return step.edge_step(apart + half, slip, left + half, later, d, cut)
+    # Where a damper would pull, they part before the spring is unstrained.
+    stiffness, damping = side.numbers[step.STIFFNESS], side.numbers[step.DAMPING]
+    pushes = stiffness * (s * apart - half) + damping * s * slip
+    pulls = -(stiffness * (s * left - half) + damping * s * later)
+    if pushes < 0.0 or pulls <= 0.0:
+        return d
+    # A little later, so that they have parted then.
+    part = (1.0 + _PULLED) * pushes / (pushes + pulls) + _PULLED
+    return part * d if part < 1.0 - _PULLED else d
 
 
 @step.internal
@@ -522,7 +589,7 @@ def _phase_after(side, drive, t0, tau, at, strain, mode, rest, flips, moved):
         if abs(mode) == _BENDS and s * p > 0.0:
             return int(s), p, strain
         p = 0.0 if abs(mode) == 1 else p
-        now = Masses(at.x, at.v, y, p)
+        now = Masses(at.x, at.v, y, p, at.touch)
         strain, mode = _bristle_phase(side, drive, t0, tau, now, strain.z, 0, rest)
         return mode, p, strain
     if side.integers[step.STRUCTURE] & step.CONTACT:
@@ -543,7 +610,7 @@ def _phase_after(side, drive, t0, tau, at, strain, mode, rest, flips, moved):
         return 0, p, strain
     if side.integers[step.RULE] == step.PAPER:
         return -mode, 0.0, strain
-    force = _transmission_force(side, drive, tau, Masses(at.x, at.v, y, 0.0))
+    force = _transmission_force(side, drive, tau, Masses(at.x, at.v, y, 0.0, at.touch))
     w = step.load_under(side, force, t, y, 0.0, s, 0.0)
     after = step.at_zero(side, t, y, w, mode)
     # Where load and level are equal up to round-off, it rests.
@@ -555,9 +622,9 @@ def _masses(memory, two, rubs):
     """The masses as memory has them; those of one mass are alike."""
     x, v = memory[step.X], memory[step.V]
     if not two:
-        return Masses(x, v, x, v)
+        return Masses(x, v, x, v, 0.0)
     y, p = x + memory[step.OFFSET], v + memory[step.SLIP]
-    return Masses(y, p, x, v) if rubs else Masses(x, v, y, p)
+    return Masses(y, p, x, v, 0.0) if rubs else Masses(x, v, y, p, 0.0)
 
 
 @step.internal
@@ -623,10 +690,13 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
     before, rest, at = int(memory[step.MODE]), memory[step.REST], _masses(memory, two, rubs)
     if not abs(at.y) < math.inf:  # as it is left by a motion that no step follows
         return at.v, 0.0, before
+    gaps = two and side.numbers[step.HALF_GAP] > 0.0
+    if gaps:
+        at = _touching(side, at, h)
     first, p, z, friction, m1, k1 = _begin_inner(
         side, drive, t0, at, memory[step.DEFLECTION], before, rest
     )
-    at = Masses(at.x, at.v, at.y, p)
+    at = Masses(at.x, at.v, at.y, p, at.touch)
     if first != before:
         step.record(events, count, t0, before, first)
         rest = 0.0
@@ -643,6 +713,10 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
     close, pause, resume, last = 0, step.CLOSE * h, 0.0, -h
     while tau < h:
         if fresh:
+            touched = at.touch
+            at = _touching(side, at, h) if gaps else at
+            if at.touch != touched and mode == 0:
+                gap = max(_margin(side, drive, t0, tau, at, strain, mode, rest, flips, h), 0.0)
             m1, k1 = _rates(side, drive, t0, tau, at, strain, mode, rest)
             fresh = False
         # The mode is held until `resume`, see `switching_pause`.
@@ -651,7 +725,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         tries += 1
         if tries >= 2 * _TRIED:
             # A motion that no such step follows is refused by those who read it.
-            at = Masses(math.inf, math.inf, math.inf, math.inf)
+            at = Masses(math.inf, math.inf, math.inf, math.inf, 0.0)
             break
         if tries >= _TRIED:
             longest = h
@@ -703,7 +777,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
         after, p, strain = _phase_after(
             side, drive, t0, tau, at, strain, mode, rest, flips, cut > 2e-14 * part
         )
-        at = Masses(at.x, at.v, at.y, p)
+        at = Masses(at.x, at.v, at.y, p, at.touch)
         if mode != 0 and after == -mode:
             flips += 1
         if after != mode:
@@ -1241,6 +1315,7 @@ def _settle(plant, force, inertia, t, memory):
         memory[step.OFFSET] = -half if carried >= 0.0 else half
     if kind & step.SPRING:
         memory[step.OFFSET] = -carried / plant.numbers[step.STIFFNESS]
+        memory[step.OFFSET] -= half if carried >= 0.0 else -half
     if kind & step.CONTACT:
         y, v = (
             memory[step.X] + (0.0 if _motor_has_friction(plant) else memory[step.OFFSET]),
@@ -1273,6 +1348,8 @@ def _inner_task(
         v, friction, mode, _ = _seen_play(plant, drive, t0, memory, contact_side(plant, memory))
     else:
         at, z, before = _masses(memory, two, rubs), memory[step.DEFLECTION], int(memory[step.MODE])
+        if two and numbers[step.HALF_GAP] > 0.0:
+            at = _touching(side, at, h)
         found = _begin_inner(side, drive, t0, at, z, before, memory[step.REST])
         v, friction, mode = found[1] if rubs else at.v, found[3], found[0]
     seen[0], seen[1], seen[2] = v, friction, mode

@@ -223,8 +223,7 @@ def _random_force(plant, t, dt, memory, u, deviation):
     """Variance of the random force that can move a resting axis."""
     force = step.drive_now(plant, t, dt, memory, u)
     if plant.integers[step.STRUCTURE] & step.MOTOR_RUBS:
-        force += plant.numbers[step.STIFFNESS] * memory[step.OFFSET]
-        force += plant.numbers[step.DAMPING] * memory[step.SLIP]
+        force += elastic.spring_force(plant, memory[step.OFFSET], memory[step.SLIP])
     drive = step.held_force(force)
     x = memory[step.X]
     v = memory[step.V]
@@ -639,8 +638,7 @@ def _stuck_motion(plant, x, alike):
     numbers = plant.numbers
     kind = plant.integers[step.STRUCTURE]
     level = step.base_level(plant, x, 1.0)
-    if kind & step.PLAY:
-        alike += 2.0 * numbers[step.HALF_GAP]
+    alike += 2.0 * numbers[step.HALF_GAP]
     if kind & step.CONTACT:
         alike += level / numbers[step.CONTACT_STIFFNESS]
     if kind & step.SPRING and not kind & step.ON_LOAD:
@@ -778,7 +776,7 @@ def innovations(
     place = np.nan
     scale = FIRST * dt if w.shape[0] > 0 else 1.0
     alike = scale * max(cell, 3.0 * math.sqrt(reading)) * (1.0 + 1e-9)
-    if integers[step.STRUCTURE] & step.PLAY and abs(y[min(FIRST, n - 1)] - y[0]) <= alike:
+    if numbers[step.HALF_GAP] > 0.0 and abs(y[min(FIRST, n - 1)] - y[0]) <= alike:
         across = 2.0 * numbers[step.HALF_GAP] + alike
         stop = 0
         while stop < n and abs(y[stop] - y[0]) <= across:
@@ -854,12 +852,18 @@ def _innovations(
     work = np.zeros((n_states, n_states))
     slides = cov
     rests = cov
+    slides_apart = cov
+    rests_apart = cov
+    touches = True
     strain = 0.0
     if spring:
-        slides = two_masses.transition(plant, dt, 1.0)
-        rests = two_masses.transition(plant, dt, 0.0)
+        slides = two_masses.transition(plant, dt, 1.0, True)
+        rests = two_masses.transition(plant, dt, 0.0, True)
+        if numbers[step.HALF_GAP] > 0.0:
+            slides_apart = two_masses.transition(plant, dt, 1.0, False)
+            rests_apart = two_masses.transition(plant, dt, 0.0, False)
         # A load at rest may pull at the spring with any force that friction holds.
-        strain = (level / numbers[step.STIFFNESS]) ** 2 / 3.0
+        strain = (numbers[step.HALF_GAP] + level / numbers[step.STIFFNESS]) ** 2 / 3.0
         two_masses.rigid_covariance(
             cov, p, d, 0.0 if memory[step.MODE] != 0.0 else strain, memory[step.MODE]
         )
@@ -932,11 +936,17 @@ def _innovations(
             )
             strained = contact and not sliding
             count[0] = 0
+            touches = elastic.spring_touches(plant, m)
             step.sample(plant, t, dt, u[k - 1], end, m, events, counted)
+            touches = touches or elastic.spring_touches(plant, m)
             moves = sliding or memory[step.MODE] != 0.0
             # A load at rest stays where it is, whatever the readings of its motor.
             pinned = rubs if memory[step.MODE] == 0.0 and not contact else -1
-            two_masses.predict(slides if moves else rests, cov, force, pinned, work)
+            if touches:
+                two_masses.predict(slides if moves else rests, cov, force, pinned, work)
+            else:
+                apart = slides_apart if moves else rests_apart
+                two_masses.predict(apart, cov, force, pinned, work)
             if pinned == 0:
                 _may_break_away(cov, variance, dt, _friction_inverse_mass(plant))
             p = cov[0, 0] = cov[0, 0] + (_CREEP if pinned == 0 else 1e-6) * spot

@@ -23,13 +23,16 @@ def friction_state(kind):
 
 
 @step.internal
-def transition(plant, dt, mode):
-    """How n states, and two random forces, move in one sample, shape (n + 2, n + 2)."""
+def transition(plant, dt, mode, touches):
+    """How n states, and two random forces, move in one sample, shape (n + 2, n + 2).
+
+    `touches`: whether the spring acts, which within a gap it does not.
+    """
     # The last two rows and columns: random forces on the free mass and on that with friction.
     numbers = plant.numbers
     kind = plant.integers[step.STRUCTURE]
-    stiffness = numbers[step.STIFFNESS]
-    damping = numbers[step.DAMPING]
+    stiffness = numbers[step.STIFFNESS] if touches else 0.0
+    damping = numbers[step.DAMPING] if touches else 0.0
     free = numbers[step.INVERSE_MOTOR]
     rubs = numbers[plant.integers[step.N_NUMBERS] + step.INVERSE_MASS]
     contact = kind & step.CONTACT != 0

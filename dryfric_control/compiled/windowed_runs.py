@@ -428,7 +428,7 @@ def project(axis, w, search, at):
         width = 2.0 / (_PLACES - 1)
         place = np.nan
         tries = search.offsets.shape[0] if active else 0
-        play = run.plant.integers[axis_step.STRUCTURE] & axis_step.PLAY != 0
+        play = run.plant.numbers[axis_step.HALF_GAP] > 0.0
         for turn in range(tries + (_PLACES + _CLOSER if play and tries > 0 else 0)):
             dv = 0.0
             if turn < tries:

@@ -261,8 +261,9 @@ def _parameters(axis: FrictionAxis) -> Iterator[tuple[Signal, Any]]:
         units = type(effect).units(axis.units)
         for item in fields(effect) if effect in axis.effects else ():
             about = item.metadata
-            if about["kind"] == "share" and not about["free"]:
-                continue  # a choice of the structure, which the code is written for
+            choice = about["kind"] == "share" and not about["free"]
+            if choice or item.name in effect.unused_parameters:
+                continue  # of the structure, which the code is written for
             more = (
                 item.metadata["doc"],
                 getattr(effect, item.name),

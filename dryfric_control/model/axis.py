@@ -969,11 +969,16 @@ def _has_transmission(inner: Inner) -> bool:
     return inner.half_gap > 0.0 or inner.stiffness > 0.0
 
 
+def _is_rigid_play(inner: Inner) -> bool:
+    """Whether a gap before the load has rigid ends."""
+    return inner.half_gap > 0.0 and inner.stiffness == 0.0
+
+
 def _structure_flags(inner: Inner, remembers: bool) -> int:
     """Flags of the inner states of an axis; `remembers`: whether effects have some."""
     return (
         axis_step.CONTACT * (inner.contact > 0.0)
-        | axis_step.PLAY * (inner.half_gap > 0.0)
+        | axis_step.PLAY * _is_rigid_play(inner)
         | axis_step.SPRING * (inner.stiffness > 0.0)
         | axis_step.ON_LOAD * (_has_transmission(inner) and inner.on_load > 0.0)
         | axis_step.MOTOR_RUBS * (inner.motor_rubs > 0.0)
@@ -1126,7 +1131,7 @@ def _friction_mass(inner: Inner) -> float:
 
 def _transmitted_mass(inner: Inner, loaded: int) -> float:
     """Share of the mass that the transmission moves; `loaded`: levels that depend on its load."""
-    is_behind = inner.half_gap > 0.0 and not inner.motor_rubs
+    is_behind = _is_rigid_play(inner) and not inner.motor_rubs
     return inner.load_fraction if is_behind and loaded else 1.0
 
 

@@ -191,6 +191,7 @@ _STRUCTURES = (
     lambda r: (E.Compliance(1e5, 10.0, 0.5, 1.0),),
     lambda r: (E.Backlash(5e-5, 0.5, 1.0),),
     lambda r: (E.Presliding(1e-5), E.Backlash(5e-5, 0.5)),
+    lambda r: (E.Backlash(r.uniform(1e-5, 1e-4), 0.5, 0.0, r.uniform(3e-6, 3e-5), 10.0),),
     lambda r: (E.Presliding(r.uniform(5e-6, 2e-5), r.uniform(0.0, 300.0), 1.0),),
     lambda r: (E.Presliding(1e-5, 200.0, 1.0), E.Compliance(1e5, 10.0, 0.5)),
 )

@@ -35,6 +35,7 @@ AXES = {
     "play, bristles": {"effects": [PLAY, BRISTLES]},
     "play, load": {"effects": [PLAY, LOADED]},
     "play, lag": {"effects": [PLAY, LAG]},
+    "play, teeth": {"effects": [fx.Backlash(2e-4, 0.4, compliance=1e-5, damping=12.0)]},
     "play, dwell": {"effects": [PLAY, DWELL]},
     "spring": {"effects": [SPRING]},
     "spring, contact": {"effects": [SPRING, CONTACT]},

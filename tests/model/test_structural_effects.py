@@ -27,10 +27,14 @@ BACKLASH = fx.Backlash(gap=2e-4, load_fraction=0.4)
 COMPLIANCE = fx.Compliance(stiffness=3e4, damping=12.0, load_fraction=0.4)
 MOTOR_RUBS = dataclasses.replace(COMPLIANCE, friction_on_motor=1.0)
 LOOSE = dataclasses.replace(BACKLASH, friction_on_motor=1.0)
+TEETH = dataclasses.replace(BACKLASH, compliance=1.0 / 3e4, damping=12.0)
+# Damped well: a load without friction rattles on.
+LOOSE_TEETH = dataclasses.replace(TEETH, friction_on_motor=1.0, damping=120.0)
 STRUCTURES = [
     (PRESLIDING,), (BACKLASH,), (COMPLIANCE,), (PRESLIDING, BACKLASH), (PRESLIDING, COMPLIANCE),
     (MOTOR_RUBS,), (LOOSE,), (BRISTLES, MOTOR_RUBS), (PRESLIDING, LOOSE),
-    (BRISTLES,), (BRISTLES, BACKLASH), (BRISTLES, COMPLIANCE),
+    (BRISTLES,), (BRISTLES, BACKLASH), (BRISTLES, COMPLIANCE), (TEETH,), (LOOSE_TEETH,),
+    (PRESLIDING, TEETH),
 ]  # fmt: skip
 each_structure = pytest.mark.parametrize(
     "effects", STRUCTURES, ids=lambda effects: "+".join(effect.slug for effect in effects)
@@ -119,6 +123,72 @@ def test_impact_keeps_the_momentum_but_for_the_friction_under_the_blow(s, c):
     np.testing.assert_allclose(resp.y[1, 3:], v, rtol=rtol)
     way = s * 0.5 * BACKLASH.gap + v * (resp.t[3:] - 0.0025)
     np.testing.assert_allclose(resp.y[0, 3:], way, rtol=rtol)
+
+
+def test_teeth_without_damping_lose_no_energy():
+    """An elastic blow: the motor keeps (mm - ml)/m of its velocity, the load gets 2 mm/m of it."""
+    v0, stiffness = 0.05, 3e4
+    axis = axis_with(
+        dataclasses.replace(TEETH, compliance=1.0 / stiffness, damping=0.0), coulomb=0.0
+    )
+    resp = axis.simulate(np.r_[MOTOR * v0 / DT, np.zeros(50)], DT)
+    touch = 0.5 * DT + 0.5 * TEETH.gap / v0
+    swing = math.sqrt(stiffness * (1.0 / MOTOR + 1.0 / LOAD))
+    part = touch + math.pi / swing
+    centre = 0.6 * v0
+    during = (resp.t > touch) & (resp.t < part)
+    want = centre + 0.4 * v0 * np.cos(swing * (resp.t - touch))
+    # 3e-9 of the speed a step.
+    np.testing.assert_allclose(resp.y[1, during], want[during], rtol=0, atol=1e-7 * v0)
+    gone = (resp.t > part) & (resp.t < part + TEETH.gap / v0)
+    assert during.sum() > 10 and gone.sum() > 2
+    np.testing.assert_allclose(resp.y[1, gone], 0.2 * v0, rtol=1e-6)
+
+
+def test_teeth_push_and_never_pull():
+    # Overdamped, they would hold the motor back as it leaves.
+    v0, teeth = 0.05, dataclasses.replace(TEETH, damping=600.0)
+    resp = axis_with(teeth, coulomb=0.0).simulate(np.r_[MOTOR * v0 / DT, np.zeros(100)], DT)
+    late = resp.y[1, 3:]  # the other end is reached after 0.18 s
+    assert np.all(np.diff(late) < 1e-12)
+    assert 0.2 * v0 < late[-1] < 0.6 * v0
+
+
+def test_teeth_without_a_gap_are_a_spring():
+    u = shaken(1500)
+    one, other = (
+        rich_axis(effect).simulate(u, DT).y[0]
+        for effect in (
+            dataclasses.replace(TEETH, gap=1e-12, damping=0.0),
+            dataclasses.replace(COMPLIANCE, damping=0.0),
+        )
+    )
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
+
+
+def test_teeth_beside_friction_are_as_plain_steps_have_them():
+    """Against steps of 0.4 us of the equations, the load held while friction can."""
+    u = shaken(300)
+    # The axis decays to rest below its stick velocity, the plain steps at zero.
+    found = axis_with(TEETH, viscous=6.0, stick_speed=1e-7).simulate(u, DT).y[0]
+    x = v = y = p = 0.0
+    h, sub = DT / 2500, 2500
+    truth = np.empty(u.size)
+    for i, push in enumerate(u):
+        truth[i] = x
+        for _ in range(sub):
+            over = x - y - math.copysign(min(abs(x - y), 1e-4), x - y)
+            teeth = over and 3e4 * over + 12.0 * (v - p)
+            if teeth * over < 0.0:
+                teeth = 0.0
+            v += h * (push - teeth) / MOTOR
+            if p != 0.0 or abs(teeth) > COULOMB:
+                s = math.copysign(1.0, p if p != 0.0 else teeth)
+                new = p + h * (teeth - COULOMB * s - 6.0 * p) / LOAD
+                p = 0.0 if p * new < 0.0 else new
+            x += h * v
+            y += h * p
+    np.testing.assert_allclose(found, truth, rtol=0, atol=3e-5 * np.ptp(truth))
 
 
 @pytest.mark.parametrize("hold", ["zero", "first"])

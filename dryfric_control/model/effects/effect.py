@@ -147,7 +147,7 @@ class Inner(NamedTuple):
     half_gap : float
         Half the gap between motor and load [m].
     stiffness, damping : float
-        Of an elastic transmission between them [N/m], [N s/m].
+        Of an elastic transmission between them, or of the ends of the gap [N/m], [N s/m].
     load_fraction : float
         Share of the mass behind the gap or transmission.
     on_load : float
@@ -485,6 +485,15 @@ class Effect:
     def named_parameters(cls) -> tuple[str, ...]:
         """Free parameters that the name of the effect includes."""
         return tuple(item.name for item in fields(cls) if item.metadata["free"])
+
+    @property
+    def unused_parameters(self) -> tuple[str, ...]:
+        """Parameters that act in another form of it alone: held at zero, which is not neutral."""
+        return tuple(
+            name
+            for name, said in self.parameters().items()
+            if not said["free"] and said["neutral"] is None and getattr(self, name) == 0.0
+        )
 
     @property
     def by_drive(self) -> bool:

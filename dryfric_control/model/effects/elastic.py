@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,11 +13,16 @@ import numpy as np
 from dryfric_control.model.effects.columns import Column, View, simulated_column
 from dryfric_control.model.effects.effect import BaseAxis, Effect, Inner, parameter, register_effect
 from dryfric_control.model.friction import middle_level
+from dryfric_control.units import on_axis
 
 # Damping ratio of a spring between motor and load that is tried.
 _RATIO = 0.05
 # Part of the mass on the load side that is tried.
 _SHARE = 0.45
+# What the ends of a gap give way by under the Coulomb level, in parts of the gap.
+_GIVES = (0.01, 0.04, 0.16)
+# Part of the mass behind a gap, of the shapes that are tried with ends that give way, too.
+_MIDDLE_SHARE = 0.5
 # Lengths over which a soft contact may build up, in parts of the travel.
 _SOFT = np.array([0.003, 0.01, 0.03, 0.1])
 
@@ -123,8 +128,46 @@ class Presliding(Effect):
             yield simulated_column(distance=float(distance))
 
 
+@dataclass(frozen=True)
+class _Play(Effect):
+    """What every play between motor and load has."""
+
+    gap: float = parameter("m", "total width of the gap", bounds=(1e-300, math.inf))
+    load_fraction: float = parameter(
+        "1", "share of the mass behind the gap", bounds=(1e-6, 1.0 - 1e-6), kind="share"
+    )
+    friction_on_motor: float = _on_motor()
+
+    # Where the friction of the shapes is that are tried.
+    _sides: ClassVar[tuple[float, ...]] = (0.0, 1.0)
+    action = "transmission"
+
+    def inner(self, axis: BaseAxis) -> Inner:
+        # Play and load.
+        return Inner(
+            half_gap=0.5 * self.gap, load_fraction=self.load_fraction,
+            motor_rubs=float(self.friction_on_motor >= 0.5),
+        )  # fmt: skip
+
+    def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
+        # Twice the time in which the drive takes the motor across the play.
+        free = (1.0 - self.load_fraction) * axis.mass
+        return self.gap, 2.0 * math.sqrt(2.0 * self.gap * free / max(force, 1e-300))
+
+    def meaning(self, units: tuple[str, str]) -> str:
+        return _LOOSE if self.friction_on_motor >= 0.5 else ""
+
+    @classmethod
+    def columns(cls, view: View) -> Iterator[Column]:
+        parts = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
+        shares = (0.35, _MIDDLE_SHARE, 0.65)
+        for part, share, motor in itertools.product(parts, shares, cls._sides):
+            gap = part * _elastic_length(view)
+            yield simulated_column(gap=gap, load_fraction=share, friction_on_motor=motor)
+
+
 @register_effect
-class Backlash(Effect):
+class Backlash(_Play):
     r"""Free play between motor and load.
 
     Notes
@@ -143,6 +186,14 @@ class Backlash(Effect):
     (and adds it to one against it: lambda is negative then); without such friction momentum is
     conserved.  Coulomb level and drive do nothing in no time, and nothing rebounds.
 
+    Ends that give way, such as the teeth of a gear, push instead with
+
+    .. math:: F_t = \max\left(\frac{\delta}{\text{compliance}} + \text{damping}\, \dot\delta,\, 0
+        \right), \quad \delta = {|x - x_l|} - \tfrac{1}{2}\, \text{gap} > 0
+
+    (the dead zone of Nordin and Gutman, Automatica 38, 2002, with a damper that does not pull),
+    and the masses rebound.  Very stiff ones cost time: the steps are a fraction of the period.
+
     Position and velocity are the motor's, the mode is that of the mass with friction.  A simulation
     starts with the motor in the middle of the gap.  In contact the net force on both masses counts
     for a friction that depends on it.
@@ -158,17 +209,24 @@ class Backlash(Effect):
     >>> resp = axis.simulate(np.full(100, 5.0), dt=1e-3)
     >>> float(resp.events.times(0, 1)[0]).__round__(6)     # sqrt(gap m/2/u)
     0.02
+
+    Teeth that give way let the motor rebound:
+
+    >>> teeth = dfc.effects.Backlash(gap=2e-3, load_fraction=0.5, compliance=1e-5, damping=1.0)
+    >>> resp = axis.replace(effects=(teeth,)).simulate(np.full(100, 5.0), dt=1e-3)
+    >>> bool(np.diff(resp.y[0]).min() < 0.0)
+    True
     """
 
-    gap: float = parameter("m", "total width of the gap", bounds=(1e-300, math.inf))
-    load_fraction: float = parameter(
-        "1", "share of the mass behind the gap", bounds=(1e-6, 1.0 - 1e-6), kind="share"
-    )
-    friction_on_motor: float = _on_motor()
+    compliance: float = parameter(
+        "m/N", "what the ends of the gap give way by, 0 if they are rigid",
+        bounds=(0.0, math.inf), default=0.0, neutral=None, free=False,
+    )  # fmt: skip
+    damping: float = parameter(
+        "N s/m", "damping of ends that give way", bounds=(0.0, math.inf), default=0.0,
+        neutral=None, free=False,
+    )  # fmt: skip
 
-    # Where the friction of the shapes is that are tried.
-    _sides: ClassVar[tuple[float, ...]] = (0.0, 1.0)
-    action = "transmission"
     rank = 20.0
     explanation = (
         "There is free play between motor and load: after each reversal the motor crosses the gap, "
@@ -177,34 +235,48 @@ class Backlash(Effect):
     experiment = "Reverse slowly with a small force: the motor crosses the gap before it rises."
 
     def inner(self, axis: BaseAxis) -> Inner:
-        # Play and load.
-        return Inner(
-            half_gap=0.5 * self.gap, load_fraction=self.load_fraction,
-            motor_rubs=float(self.friction_on_motor >= 0.5),
-        )  # fmt: skip
-
-    def blind(self, axis: BaseAxis, force: float) -> tuple[float, float]:
-        # Twice the time in which the drive takes the motor across the play.
-        free = (1.0 - self.load_fraction) * axis.mass
-        return self.gap, 2.0 * math.sqrt(2.0 * self.gap * free / max(force, 1e-300))
+        # Play and load, and the spring at the ends of the gap.
+        found = super().inner(axis)
+        if self.compliance == 0.0:
+            return found
+        return found._replace(stiffness=1.0 / self.compliance, damping=self.damping)
 
     def meaning(self, units: tuple[str, str]) -> str:
-        return _LOOSE if self.friction_on_motor >= 0.5 else ""
+        said = [super().meaning(units)]
+        if self.compliance > 0.0:
+            stiffness = f"{1.0 / self.compliance:.3g} {on_axis('N/m', units)}"
+            said.append(f"the ends of the gap have a stiffness of {stiffness}")
+        return "; ".join(filter(None, said))
 
     def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
-        return (replace(self, friction_on_motor=1.0 - round(self.friction_on_motor)),)
+        other = replace(self, friction_on_motor=1.0 - round(self.friction_on_motor))
+        if self.compliance > 0.0:
+            return (other, replace(self, compliance=0.0, damping=0.0))
+        level = middle_level(axis.coulomb, axis.travel)
+        if level <= 0.0:
+            return (other,)
+        return (other, *(self._with_ends(axis, part * self.gap / level) for part in _GIVES))
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        parts = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
-        shares = (0.35, 0.5, 0.65)
-        for part, share, motor in itertools.product(parts, shares, cls._sides):
-            gap = part * _elastic_length(view)
-            yield simulated_column(gap=gap, load_fraction=share, friction_on_motor=motor)
+        level = middle_level(view.axis.coulomb, view.axis.travel)
+        for one in super().columns(view):
+            yield one
+            rigid = cls(**one.values((1.0,)))
+            if level > 0.0 and rigid.load_fraction == _MIDDLE_SHARE:
+                for part in _GIVES:
+                    ends = rigid._with_ends(view.axis, part * rigid.gap / level)
+                    yield simulated_column(**dict(zip(cls.parameters(), ends.values, strict=True)))
+
+    def _with_ends(self, axis: BaseAxis, compliance: float) -> Backlash:
+        """The same with ends that give way, lightly damped."""
+        reduced = self.load_fraction * (1.0 - self.load_fraction) * axis.mass
+        damping = 2.0 * _RATIO * math.sqrt(reduced / compliance)
+        return replace(self, compliance=compliance, damping=damping)
 
 
 @register_effect
-class LoadEncoderBacklash(Backlash):
+class LoadEncoderBacklash(_Play):
     r"""Free play between motor and load, the encoder on the load.
 
     Notes

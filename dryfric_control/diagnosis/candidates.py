@@ -162,10 +162,29 @@ def forms(axis: FrictionAxis, names: Iterable[str]) -> list[FrictionAxis]:
     return [axis, *(put(axis, name, one) for name in names for one in effects[name].forms(axis))]
 
 
-def held_by(name: str) -> tuple[str, ...]:
-    """Full names of a candidate's amounts that stay as they are until it is found."""
+def _held_amounts(name: str) -> list[str]:
+    """Amounts of an effect that stay as they are until it is found."""
     rows = effect_class(name).parameters().items()
-    return tuple(f"{name}.{p}" for p, k in rows if k["kind"] == "amount" and not k["free"])
+    return [p for p, k in rows if k["kind"] == "amount" and not k["free"]]
+
+
+def form_of(name: str, values: Mapping[str, float]) -> tuple[str, ...]:
+    """Amounts of an effect that are held and not zero: what tells its forms apart."""
+    return tuple(p for p in _held_amounts(name) if values.get(p, 0.0) != 0.0)
+
+
+def held_by(axis: FrictionAxis, name: str) -> tuple[str, ...]:
+    """Full names of an effect's amounts that stay as they are until it is found."""
+    unused = named(axis)[name].unused_parameters
+    return tuple(f"{name}.{p}" for p in _held_amounts(name) if p not in unused)
+
+
+def with_held(axis: FrictionAxis, names: Iterable[str], free: Sequence[str]) -> tuple[str, ...]:
+    """Free parameters, with what some effects have held as their form in the axis has it."""
+    names = [*names]
+    every = {f"{name}.{p}" for name in names for p in _held_amounts(name)}
+    held = [full for name in names for full in held_by(axis, name)]
+    return (*(n for n in free if n not in every or n in held), *(n for n in held if n not in free))
 
 
 def own_names(name: str) -> tuple[str, ...]:

@@ -17,9 +17,10 @@ from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.diagnosis.candidates import (
     effect_class,
     excluded_actions,
+    form_of,
     forms,
-    held_by,
     with_effect,
+    with_held,
 )
 from dryfric_control.diagnosis.linearised import Linearised
 from dryfric_control.diagnosis.model_view import CHANGED, ModelView
@@ -65,6 +66,9 @@ FloatArray = NDArray[np.float64]
 #: Name of the columns of friction that builds up after reversals, which belong to no one effect.
 REVERSAL = "after reversal"
 
+#: An effect and its form.
+_Form = tuple[str, tuple[str, ...]]
+
 # Largest change of an innovation by a simulated shape [standard deviations].
 _MAX_INNOVATION_CHANGE = 30.0
 # Bounds of the factor of a base parameter in the start of a fit.
@@ -104,6 +108,7 @@ class Item:
     column: Column
     at: tuple[int, ...]  # places in the matrix
     gain: float = -math.inf  # gain of log-likelihood in one pass, if it was simulated
+    form: tuple[str, ...] = ()  # amounts of that form of the effect, if it was simulated
 
 
 @dataclass(frozen=True)
@@ -113,7 +118,7 @@ class Proposal:
     names: tuple[str, ...]  # the effects
     axis: FrictionAxis
     free: tuple[str, ...]  # their free parameters
-    cost: float  # cost in one pass, with the size of all noises fitted
+    cost: float  # in one pass, the size of all noises fitted, less that of the model there
     predicted: float  # gain of log-likelihood that the normal equations predict
     held: FrictionAxis | None = None  # the same with the base parameters of the model
     remembers: tuple[str, ...] = ()  # those of shapes that were simulated
@@ -166,6 +171,8 @@ class Gram:
     fail: Callable[[str, str], None]  # called with an effect and the reason why it was not tried
     #: What the model is compared with: its innovations if not given.
     view: ModelView | None = None
+    #: The model beside which starts are fitted, if that is another one.
+    beside: Solution | None = None
     items: list[Item] = field(default_factory=list)
     #: Logarithm of the number of shapes of each effect that were searched.
     odds: dict[str, float] = field(default_factory=dict)
@@ -187,7 +194,7 @@ class Gram:
         fixed = np.concatenate((here.base(self.base), own), axis=1) if self.base else own
         here.project_out(fixed)
         self.fixed, self._blocks = fixed.shape[1], [fixed]
-        self._proposed = set[frozenset[str]]()
+        self._proposed = set[frozenset[_Form]]()
         self.total, self.count = float(here.y @ here.y), here.count
         self._add(itertools.chain(self._columns(), self._after_reversal()))
 
@@ -209,7 +216,8 @@ class Gram:
         at = sum(block.shape[1] for block in self._blocks)
         for name, column, values, gain in added:
             width = values.shape[1]
-            self.items.append(Item(name, column, tuple(range(at, at + width)), gain))
+            form = form_of(name, column.values((1.0,))) if gain > -math.inf else ()
+            self.items.append(Item(name, column, tuple(range(at, at + width)), gain, form))
             self._blocks.append(values)
             at += width
         c = np.concatenate(self._blocks, axis=1)
@@ -385,9 +393,10 @@ class Gram:
             ranks = np.nan_to_num(np.array(rows) - levels, nan=math.inf).min(
                 axis=1, initial=math.inf
             )
+        keys = [(name, form_of(name, column.values((1.0,)))) for name, column in tasks]
         kept = list[int]()
-        for name in dict.fromkeys(name for name, _ in tasks):
-            own = [k for k, (n, _) in enumerate(tasks) if n == name]
+        for key in dict.fromkeys(keys):
+            own = [k for k, other in enumerate(keys) if other == key]
             kept += sorted(own, key=ranks.__getitem__)[:_FULL_SHAPES]
         return [tasks[k] for k in sorted(kept)]
 
@@ -409,20 +418,35 @@ class Gram:
         """Factors of the random force: of an imposed motion, which no filter follows, one."""
         return SCREENING_FORCE_FACTORS[:1] if self.problem.is_imposed else SCREENING_FORCE_FACTORS
 
-    def _costs(self, likelihood: Likelihood, parts: Sequence[float]) -> list[float]:
+    def _costs(
+        self, likelihood: Likelihood, parts: Sequence[float], noises: FloatArray | None = None
+    ) -> list[float]:
         """Costs in one pass at factors of the random force, the size of all noises fitted."""
+        noises = self.noises if noises is None else noises
         costs = []
         for part in parts:
-            z = likelihood.start(noises=with_force_factor(self.noises, part))
+            z = likelihood.start(noises=with_force_factor(noises, part))
             costs.append(profiled_cost(likelihood, likelihood.tried(z)) + likelihood.prior(z))
         return costs
 
     @cached_property
     def _levels(self) -> list[float]:
         """The same of the model: a cost says nothing beside one at another random force."""
-        fit, free = self.fit, self.problem.free_of(self.fit)
-        likelihood = self.problem.likelihood(fit.axis, free, each=each_of(fit))
-        return self._costs(likelihood, self._parts)
+        return self._levels_of(self.fit, self.noises)
+
+    @cached_property
+    def _fit_noises(self) -> FloatArray:
+        """Noises from which starts are fitted."""
+        return screening_noises(self.problem, self.beside or self.fit)
+
+    @cached_property
+    def _fit_levels(self) -> list[float]:
+        """Costs at these of the model beside which starts are fitted."""
+        return self._levels_of(self.beside or self.fit, self._fit_noises)
+
+    def _levels_of(self, fit: Solution, noises: FloatArray) -> list[float]:
+        likelihood = self.problem.likelihood(fit.axis, self.problem.free_of(fit), each=each_of(fit))
+        return self._costs(likelihood, self._parts, noises)
 
     def _predicted_gains(
         self, sets: Sequence[Sequence[int]], moved: bool, signed: bool = True
@@ -638,15 +662,16 @@ class Gram:
         return min(rows, key=rank, default=(-math.inf, -1))
 
     @cached_property
-    def _best_shapes(self) -> dict[str, tuple[float, int]]:
-        """Best shape of each effect alone, with its predicted gain."""
-        found = dict[str, tuple[float, int]]()
+    def _best_shapes(self) -> dict[_Form, tuple[float, int]]:
+        """Best shape of each form of an effect alone, with its predicted gain."""
+        found = dict[_Form, tuple[float, int]]()
         gains = self.gains([[g] for g in range(len(self.items))])
         for g, (one, gain) in enumerate(zip(self.items, gains, strict=True)):
             if one.name == REVERSAL:
                 continue
             gain = max(gain - self.base_gain, one.gain)
-            found[one.name] = max(found.get(one.name, (-math.inf, g)), (gain, g))
+            key = one.name, one.form
+            found[key] = max(found.get(key, (-math.inf, g)), (gain, g))
         return found
 
     @cached_property
@@ -658,7 +683,10 @@ class Gram:
     @property
     def single_gains(self) -> dict[str, float]:
         """Predicted gain of each effect alone, at least 0."""
-        return {name: max(gain, 0.0) for name, (gain, _) in self._best_shapes.items()}
+        found = dict[str, float]()
+        for (name, _), (gain, _) in self._best_shapes.items():
+            found[name] = max(gain, found.get(name, 0.0))
+        return found
 
     def sets(self) -> list[tuple[float, list[int]]]:
         """Items worth a fit, with their predicted gains: singles, and sets by selection."""
@@ -770,12 +798,12 @@ class Gram:
         """Starts of fits that it has not proposed yet, with the likeliest shapes in a pass."""
         gains: list[float] = []
         sets: list[list[int]] = []
-        new: set[frozenset[str]] = set()
+        new: set[frozenset[_Form]] = set()
         for gain, some in self.sets():
-            names = frozenset(self.items[g].name for g in some)
-            if names in self._proposed:
+            every = frozenset((self.items[g].name, self.items[g].form) for g in some)
+            if every in self._proposed:
                 continue
-            new.add(names)
+            new.add(every)
             gains.append(gain)
             sets.append(some)
         self._proposed.update(new)
@@ -815,16 +843,17 @@ class Gram:
             except ValueError:
                 continue
             axis = with_values(start.axis, self.base, self._change_base(start.axis, -c * rates))
-            found[one.name] = Proposal((one.name,), axis, start.free, level - gain, gain)
+            cost = level - gain - self._fit_levels[0]
+            found[one.name] = Proposal((one.name,), axis, start.free, cost, gain)
         return list(found.values())
 
     def _starts(self, predicted: float, chosen: list[int]) -> list[Proposal]:
-        """The likeliest start in one pass, and that in another form, if there are any."""
-        best = dict[tuple[bool, float], Proposal]()
+        """The likeliest start in one pass, and that of each form with parameters of its own."""
+        best = dict[tuple[tuple[str, ...], float], Proposal]()
         held = next(self._axes(chosen), (None, ()))[0]
         for option in self._neighbours(chosen):
-            for other, one in self._one_pass(predicted, option, held):
-                key = other, one.quieter
+            for one in self._one_pass(predicted, option, held):
+                key = one.free, one.quieter
                 if key not in best or one.cost < best[key].cost:
                     best[key] = one
         return [*best.values()]
@@ -846,23 +875,19 @@ class Gram:
 
     def _one_pass(
         self, predicted: float, option: Sequence[int], held: FrictionAxis | None
-    ) -> Iterator[tuple[bool, Proposal]]:
-        """Starts with a set of items, with their costs in one pass, where these are finite.
-
-        And whether each is of another form than the usual one.
-        """
+    ) -> Iterator[Proposal]:
+        """Starts with a set of items, with their costs in one pass, where these are finite."""
         names = tuple(self.items[g].name for g in option)
         memory = tuple(f"{self.items[g].name}." for g in option if self.items[g].gain > -math.inf)
+        usual = not any(self.items[g].form for g in option)
         starts = (
-            (one, free, k > 0)
+            (one, free, usual and k == 0)
             for axis, free in self._axes(option)
             for k, one in enumerate(forms(axis, names))
         )
-        for axis, free, other in starts:
-            own = free
-            if other:
-                # The numbers of the usual form are no guide to what it holds.
-                own = (*free, *(n for name in names for n in held_by(name)))
+        for axis, free, as_usual in starts:
+            # The numbers of the usual form are no guide to what another one holds.
+            own = free if as_usual else with_held(axis, names, free)
             try:
                 every = (*self.problem.free_of(self.fit), *own)
                 likelihood = self.problem.likelihood(axis, every, each=each_of(self.fit))
@@ -870,14 +895,11 @@ class Gram:
                 continue
             remembers = tuple(n for n in own if n.startswith(memory))
             parts = self._parts if memory else SCREENING_FORCE_FACTORS[:1]
-            costs = self._costs(likelihood, parts)
-            for part, cost, level in zip(parts, costs, self._levels, strict=False):
-                cost += self._levels[0] - level
+            costs = self._costs(likelihood, parts, self._fit_noises)
+            for part, cost, level in zip(parts, costs, self._fit_levels, strict=False):
+                cost -= level
                 if math.isfinite(cost):
-                    yield (
-                        other,
-                        Proposal(names, axis, own, cost, predicted, held, remembers, part),
-                    )
+                    yield Proposal(names, axis, own, cost, predicted, held, remembers, part)
 
     def _axes(self, chosen: Sequence[int]) -> Iterator[tuple[FrictionAxis, tuple[str, ...]]]:
         """The model with items at their coefficients, its base as it is and moved along."""

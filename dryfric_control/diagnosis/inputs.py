@@ -14,10 +14,10 @@ from dryfric_control.diagnosis.candidates import (
     catalogue,
     effect_class,
     forms,
-    held_by,
     holds,
     own_names,
     with_effect,
+    with_held,
 )
 from dryfric_control.diagnosis.criterion import evidence
 from dryfric_control.diagnosis.linearised import Linearised
@@ -151,13 +151,13 @@ def driven_model(
     bending = (n for n in catalogue(problem.believed) if effect_class(n).action == "contact")
     name = next((n for n in bending if not holds(problem.believed, n)), None)
     if builds_up and name is not None:
-        own = (*free, *own_names(name), *held_by(name))
         view = cast(View, Linearised(problem, begun.problem, begun.z))
         # Fits find the way from one shape to the next but one.
         starts = [
             forms(with_effect(axis, name, shape.values((1.0,))).axis, [name])[-1]
             for shape in [*effect_class(name).columns(view)][1::2]
         ]
+        own = with_held(starts[0], [name], (*free, *own_names(name)))
         part = replace(problem, runs=problem.fast_stretches)
         fits = problem.parallel(lambda start: part.fit(start, own, turns=FIRST_ITERATIONS), starts)
         fits = problem.parallel(

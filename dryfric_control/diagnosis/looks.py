@@ -338,7 +338,7 @@ class ProposalFits:
             names=names,
             free=free,
             remembers=remembers,
-            cost=look.fit.cost,
+            cost=-look.first[0],
             predicted=0.0,
             axis=problem.remove_effects(look.fit.axis, *lost),
             held=one.held and problem.remove_effects(one.held, *lost),

@@ -15,8 +15,8 @@ from dryfric_control.diagnosis.candidates import (
     catalogue,
     effect_class,
     forms,
-    held_by,
     with_effect,
+    with_held,
 )
 from dryfric_control.diagnosis.criterion import cost_of, evidence, nominal_error_costs
 from dryfric_control.diagnosis.force_view import ForceView
@@ -314,16 +314,16 @@ class Search:
 
     def refit_forms(self, now: Model) -> Model:
         """The model with what its causes have held free, or in another form, if likelier."""
-        free, axis = self.problem.free_of(now.fit), now.fit.axis
-        more = [n for name in now.causes for n in held_by(name) if n not in free]
-        starts = forms(axis, now.causes)[0 if more else 1 :]
+        free = self.problem.free_of(now.fit)
+        every = forms(now.fit.axis, now.causes)
+        starts = [(one, with_held(one, now.causes, free)) for one in every]
+        if starts[0][1] == (*free,):
+            starts = starts[1:]
         if not starts:
             return now
         fits = self.problem.parallel(
-            lambda start: fit_beside(
-                self.problem, start, (*free, *more), now.fit, FIRST_ITERATIONS
-            ),
-            starts,
+            lambda axis, own: fit_beside(self.problem, axis, own, now.fit, FIRST_ITERATIONS),
+            *zip(*starts, strict=True),
         )
         fit = min(fits, key=lambda one: one.cost - REMAINING_GAIN_RATIO * one.promised)
         if fit.cost - REMAINING_GAIN_RATIO * fit.promised < now.fit.cost:
@@ -474,7 +474,7 @@ class Search:
         found = list[Gram]()
         for fit in (now.fit, *self._nominal(now.fit)):
             if not self.problem.is_overdue:
-                found.append(Gram(self.problem, fit, names, self._note_failure))
+                found.append(Gram(self.problem, fit, names, self._note_failure, beside=now.fit))
         if found and now.causes:
             self._merges[frozenset(now.causes)] = [*found[0].merges(now.causes)]
         return found

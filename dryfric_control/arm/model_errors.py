@@ -127,7 +127,8 @@ class Compact(NamedTuple):
         mass = float(mean[0])
         place = self.place + mean[1:4] * self.mass / max(mean[0], _LEAST)
         second = mass * second_moments(place)
-        second[:3] += mean[4]
+        # No body has less inertia than a point of its mass.
+        second[:3] += max(float(mean[4]), 0.0)
         return mass, place, second
 
 

@@ -332,6 +332,14 @@ def _load_model(model: Any) -> Any:
     )
 
 
+# What MuJoCo says of inertias that no body can have, and what to put into the file.
+_OF_INERTIAS = ("balanceinertia", "mjMINVAL")
+_BOUNDS = (
+    '; its smallest inertias are placeholders: <compiler balanceinertia="true" boundmass="1e-3" '
+    'boundinertia="1e-6"/> bounds them, in an MJCF, or within <mujoco> in a URDF'
+)
+
+
 def _without_friction(model: Any) -> Any:
     """The model without friction, limits and contacts."""
     model.opt.disableflags |= int(_import_mujoco().mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -358,7 +366,9 @@ def _compile_file(path: Path) -> Any:
                 spec.delete(mesh)
             return spec.compile()
     except ValueError as problem:
-        raise ValueError(f"model {path.name} is refused by MuJoCo: {problem}") from None
+        said = ", ".join(str(problem).split("\n"))
+        mend = _BOUNDS if any(word in said for word in _OF_INERTIAS) else ""
+        raise ValueError(f"model {path.name} is refused by MuJoCo: {said}{mend}") from None
 
 
 def _stated_friction(model: Any) -> dict[str, tuple[float, float]]:

@@ -105,7 +105,8 @@ _UNDRIVEN = (
 )
 _IMPOSSIBLE_MASS = (
     "the mass ended at a bound, {:.2g} times its nominal value, to make up for what is missing, so "
-    "no causes are reported: what acts is not in the catalogue"
+    "no causes are reported: what acts is not in the catalogue, or the nominal mass lacks a part, "
+    "as that of a rotor behind its gear"
 )
 _LITTLE = (
     "{} of the error is left by the best set of candidates, so none is reported as a cause: what "

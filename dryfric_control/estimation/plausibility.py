@@ -286,4 +286,7 @@ def _unit_mend(axis: FrictionAxis, record: Record, first: float, level: float) -
             if role not in stated and 1.0 / _NEAR < factor / known < _NEAR:
                 mend = f'read_record(..., units={{"{role}": "{name}"}})'
                 return f"{role} seems to be in {name}, which {mend} converts"
-    return "a unit is wrong, which read_record(..., units=...) or gain=... mends"
+    mend = "a unit is wrong, which read_record(..., units=...) or gain=... mends"
+    if 1.0 / _ALIKE < level < _ALIKE and first > 1.0:
+        return f"the mass of the axis lacks a part, as of a rotor behind its gear, or {mend}"
+    return mend

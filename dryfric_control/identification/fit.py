@@ -542,6 +542,15 @@ def _prior(parameters: Sequence[Parameter]) -> Floats:
 def _fit_warnings(found: Solution, first: Floats, z: Floats, force: float) -> Iterator[str]:
     """Messages on bounds, a random force that is correlated in time, and far ends."""
     problem = found.problem
+    drive = max(run.drive for run in problem.runs)
+    if force > drive:
+        unit = problem.axis.units[1]
+        yield (
+            f"the random force, {force:.3g} {unit} RMS, is larger than the drive, {drive:.3g} {unit} "
+            "RMS: it follows the motion without an axis, and these values say nothing; a force is "
+            "missing or wrong (in an arm correct the model, records.without(records.model_errors())"
+            "), or hold what is known, such as the mass: free=(...)"
+        )
     rows = zip(problem.parameters, first, z, problem.low, problem.high, strict=False)
     far: dict[str, str] = {}
     for p, start, end, low, high in rows:

@@ -10,6 +10,7 @@ import dryfric_control as dfc
 
 mujoco = pytest.importorskip("mujoco")
 
+from dryfric_control.arm.model_errors import Compact  # noqa: E402
 from dryfric_control.arm.rigid_model import Motion, RigidArm  # noqa: E402
 
 RNG = np.random.default_rng(0)
@@ -159,3 +160,26 @@ def test_bad_arguments_name_the_mend():
             RigidArm(model, **options)
     with pytest.raises(ValueError, match="MJCF or URDF file, or a mujoco.MjModel"):
         dfc.arm_records(3, {})
+
+
+def test_inertias_that_no_body_has_are_refused_with_the_line_that_bounds_them(tmp_path):
+    urdf = """<robot name="r">{}<link name="base"/><link name="arm"><inertial>
+        <mass value="1"/><inertia ixx="1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
+        </link><joint name="q" type="revolute"><parent link="base"/><child link="arm"/>
+        <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+    path = tmp_path / "r.urdf"
+    path.write_text(urdf.format(""))
+    with pytest.raises(ValueError, match="r.urdf is refused by MuJoCo.*within <mujoco> in a") as no:
+        RigidArm(path)
+    line = str(no.value).partition("<")[2].partition("/>")[0]
+    path.write_text(urdf.format(f"<mujoco><{line}/></mujoco>"))
+    assert RigidArm(path).joints == ("q",)
+
+
+def test_a_payload_has_no_less_inertia_than_a_point_of_its_mass():
+    place = np.array([0.0, 0.1, 0.0])
+    for own in (-1e-3, 2e-3):
+        mass, at, second = Compact(0.4, place).body_parameters(np.array([0.4, 0.0, 0.0, 0.0, own]))
+        point = np.array([mass * 0.01, 0.0, mass * 0.01, 0.0, 0.0, 0.0])
+        assert np.array_equal(at, place)
+        assert second == pytest.approx(point + np.array([1, 1, 1, 0, 0, 0]) * max(own, 0.0))

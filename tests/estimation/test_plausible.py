@@ -116,6 +116,14 @@ def test_a_wrong_unit_of_the_axis_is_not_looked_for_in_stated_units():
         dfc.fit(FREE.replace(mass=2000.0), stated)
 
 
+def test_a_rotor_that_the_model_of_a_joint_lacks_is_thought_of():
+    # As in models of robots without `armature`: friction is right, the inertia a hundredth.
+    stated = dfc.Record(T, U, X, units={"x": "rad", "u": "N m"})
+    joint = FREE.replace(mass=0.01, units=("rad", "N m"))
+    with pytest.raises(ValueError, match="inertia of the axis lacks a part, as of a rotor behind"):
+        dfc.fit(joint, stated)
+
+
 def test_other_units_of_axis_and_record_alike_are_no_wrong_unit():
     # A million times faster than metres a second: the axis says that it is so.
     with pytest.warns(dfc.RecordWarning, match="x has no unit"):
@@ -246,3 +254,15 @@ def test_a_stick_velocity_that_the_motion_hardly_exceeds_is_told():
         dfc.fit(axis, record)
     assert "stick velocity" not in str(record.check(axis.replace(stick_speed=5e-7)))
     assert "stick velocity" in str(record.check(axis))
+
+
+def test_a_fit_that_needs_no_axis_says_so():
+    # A force of 60 N that the record does not hold moves it, beside a drive of half a newton.
+    u, hidden = 0.5 * np.sin(40.0 * T), 60.0 * np.sin(3.0 * T) + 30.0 * np.sin(7.1 * T)
+    x = FREE.simulate(u, dt=1e-3, load=hidden).y[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = dfc.fit(FREE, dfc.Record(T, u, x), anyway=True)
+        given = dfc.fit(FREE, dfc.Record(T, u, x, load=hidden), anyway=True)
+    said = [any("larger than the drive" in one for one in fit.messages) for fit in (found, given)]
+    assert said == [True, False]

@@ -30,9 +30,9 @@ def slopes(numbers, integers, x, v, s, dx):
 
 
 @njit(error_model="numpy")
-def transition(numbers, integers, h, mode):
-    """How motor and load move in one sample."""
-    return two_masses.transition(axis_step.point(numbers, integers), h, mode)
+def transition(numbers, integers, h, mode, touches):
+    """How motor and load move in one sample, with their spring or within its gap."""
+    return two_masses.transition(axis_step.point(numbers, integers), h, mode, touches)
 
 
 @njit(error_model="numpy")
@@ -54,7 +54,7 @@ def test_two_masses_move_as_the_simulated_ones(h):
     spring = dfc.effects.Compliance(stiffness=3e4, damping=20.0, load_fraction=0.4)
     axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=1.0, effects=spring)
     arrays = axis.arrays(h)
-    moves = transition(arrays.numbers, arrays.integers, h, 1.0)
+    moves = transition(arrays.numbers, arrays.integers, h, 1.0, True)
     runs = [axis.simulate([20.0 + push] * 2, dt=h, x0=0.1, v0=1.0 + more).y[:2, 1]
             for push, more in ((0.0, 0.0), (1.0, 0.0), (0.0, 1e-2))]  # fmt: skip
     assert runs[1] - runs[0] == pytest.approx(moves[:2, 4], rel=1e-6)
@@ -65,8 +65,13 @@ def test_two_masses_move_as_the_simulated_ones(h):
     assert momentum[1] == pytest.approx(1.2, rel=15.0 * h)
     assert momentum[4:] == pytest.approx([h, h], rel=15.0 * h)
     # A load at rest stays where it is.
-    rests = transition(arrays.numbers, arrays.integers, h, 0.0)
+    rests = transition(arrays.numbers, arrays.integers, h, 0.0, True)
     assert np.array_equal(rests[2:4], np.eye(6)[2:4])
+    # Within a gap the motor flies alone, and the load is braked by its viscous friction.
+    apart = transition(arrays.numbers, arrays.integers, h, 1.0, False)
+    assert apart[:2, :2] == pytest.approx(np.array([[1.0, h], [0.0, 1.0]]), rel=1e-12)
+    assert not apart[:2, 2:4].any() and not apart[2:4, :2].any()
+    assert apart[3, 3] == pytest.approx(math.exp(-15.0 / 0.8 * h), rel=1e-9)
 
 
 @pytest.mark.parametrize("at", (0, 1))

@@ -210,12 +210,12 @@ class Backlash(_Play):
     >>> float(resp.events.times(0, 1)[0]).__round__(6)     # sqrt(gap m/2/u)
     0.02
 
-    Teeth that give way let the motor rebound:
+    Teeth that give way hand nearly all of its 0.1 m/s to the load, rigid ends a half:
 
     >>> teeth = dfc.effects.Backlash(gap=2e-3, load_fraction=0.5, compliance=1e-5, damping=1.0)
     >>> resp = axis.replace(effects=(teeth,)).simulate(np.full(100, 5.0), dt=1e-3)
-    >>> bool(np.diff(resp.y[0]).min() < 0.0)
-    True
+    >>> float(resp.y[1, 27]).__round__(3)
+    0.014
     """
 
     compliance: float = parameter(

@@ -546,10 +546,11 @@ def _fit_warnings(found: Solution, first: Floats, z: Floats, force: float) -> It
     if force > drive:
         unit = problem.axis.units[1]
         yield (
-            f"the random force, {force:.3g} {unit} RMS, is larger than the drive, {drive:.3g} {unit} "
-            "RMS: it follows the motion without an axis, and these values say nothing; a force is "
-            "missing or wrong (in an arm correct the model, records.without(records.model_errors())"
-            "), or hold what is known, such as the mass: free=(...)"
+            f"the random force, {force:.3g} {unit} RMS, is larger than the drive, {drive:.3g} "
+            f"{unit} RMS: it follows the motion without an axis, and these values say nothing; a "
+            "force is missing or wrong (in an arm correct the model, "
+            "records.without(records.model_errors())), or hold what is known, such as the mass: "
+            "free=(...)"
         )
     rows = zip(problem.parameters, first, z, problem.low, problem.high, strict=False)
     far: dict[str, str] = {}

@@ -174,8 +174,8 @@ MOST_CLOSE = 64
 # Shortest stretch in which a load that nears its level is looked for, as a fraction of the times
 # over which it varies: what is left between two looks is found by the parabola through three.
 _FINEST_LOOK = 1e-2
-# Part of a step within which the end of another is that of this one.
-_SAME_END = 1e-6
+#: Part of a step within which the end of another is that of this one.
+SAME_END = 1e-6
 # The same where the crossing is found by the secant alone.
 _SAME_END_OF_SECANT = 1e-3
 # Most evaluations of a cubic for its root.
@@ -699,7 +699,7 @@ def _crossing(a, rate, b, last_rate):
     low, flow, high, fhigh, side = 0.0, sign * a, 1.0, sign * b, 0
     for _ in range(_ROOT_TURNS):
         c = secant_point(low, flow, high, fhigh)
-        if c == high or high - low < _SAME_END * 1e-3:
+        if c == high or high - low < SAME_END * 1e-3:
             break
         left = 1.0 - c
         value = a * left * left * (1.0 + 2.0 * c) + b * c * c * (3.0 - 2.0 * c)
@@ -715,7 +715,7 @@ def edge_step(before, v, after, v1, d, cut):
     """Length of a step of length d that ends where a distance vanishes, or `cut` if shorter."""
     if before * after < 0.0:
         part = _crossing(before, v * d, after, v1 * d)
-        if _SAME_END < part < 1.0 - _SAME_END:
+        if SAME_END < part < 1.0 - SAME_END:
             return min(cut, part * d)
     return cut
 

@@ -32,8 +32,6 @@ _SPAN = 1e-3
 # Shortest stretch of a step that is looked at for what begins and ends in it, as a fraction of the
 # step; of a flight inside a play, as a fraction of the piece.
 _FINEST_LOOK = 1.0 / 32.0
-# Part of an interval that is next to nothing.
-_AT_ONCE = 1e-6
 # Part of a step that ends where two masses part in which the spring between them may pull.
 _PULLED = 1e-3
 # Longest piece of a flight inside a play, in times in which its largest acceleration crosses it.
@@ -93,19 +91,29 @@ def _load_side(plant):
 
 
 @step.internal(forceinline=True)
+def _has_gap(side):
+    """Whether the masses are on a spring with a gap."""
+    return side.integers[step.STRUCTURE] & step.SPRING != 0 and side.numbers[step.HALF_GAP] > 0.0
+
+
+@step.internal(forceinline=True)
+def _end_push(plant, s, apart, slip):
+    """Force by which the end of a gap on side s pushes, negative where its damper would pull."""
+    stretch = s * apart - plant.numbers[step.HALF_GAP]
+    return plant.numbers[step.STIFFNESS] * stretch + plant.numbers[step.DAMPING] * (s * slip)
+
+
+@step.internal(forceinline=True)
 def spring_force(plant, apart, slip):
     """Force of the spring between two masses on the one behind, by distance and relative velocity.
 
     With a gap it begins at its ends, and pushes only.
     """
-    half = plant.numbers[step.HALF_GAP]
-    stretch = apart - min(max(apart, -half), half)
-    force = plant.numbers[step.STIFFNESS] * stretch + plant.numbers[step.DAMPING] * slip
-    if half == 0.0:
-        return force
-    if stretch == 0.0:
-        return 0.0
-    return max(force, 0.0) if stretch > 0.0 else min(force, 0.0)
+    if not _has_gap(plant):
+        return plant.numbers[step.STIFFNESS] * apart + plant.numbers[step.DAMPING] * slip
+    s = math.copysign(1.0, apart)
+    touches = s * apart > plant.numbers[step.HALF_GAP]
+    return s * max(_end_push(plant, s, apart, slip), 0.0) if touches else 0.0
 
 
 @step.internal(forceinline=True)
@@ -120,10 +128,13 @@ def _touching(side, at, h):
 
     Or next to at once, in an interval of that length.
     """
-    half, s = side.numbers[step.HALF_GAP], math.copysign(1.0, at.x - at.y)
-    over, slip = s * (at.x - at.y) - half, s * (at.v - at.p)
-    pushes = side.numbers[step.STIFFNESS] * over + side.numbers[step.DAMPING] * slip
-    touches = over + _AT_ONCE * h * slip > 0.0 if slip > 0.0 else pushes > 0.0
+    apart, slip = at.x - at.y, at.v - at.p
+    s = math.copysign(1.0, apart)
+    if s * slip > 0.0:
+        # No step ends at a meeting that is so near.
+        touches = s * (apart + step.SAME_END * h * slip) > side.numbers[step.HALF_GAP]
+    else:
+        touches = _end_push(side, s, apart, slip) > 0.0
     return Masses(at.x, at.v, at.y, at.p, s if touches else 0.0)
 
 
@@ -477,8 +488,7 @@ def _load_step(side, drive, t0, tau, at, after, mode, rest, fades, k1, k4, d, er
         cut = step.reversal_step(at.p, after.p, _direction(mode), k1, k4, d, 0.0)
     if cut == d and step.has_kinks(side):
         cut = _kinked(side, drive, t0, tau, at, after, mode, rest, d)
-    gaps = side.integers[step.STRUCTURE] & step.SPRING and side.numbers[step.HALF_GAP] > 0.0
-    if cut == d and gaps:
+    if cut == d and _has_gap(side):
         cut = _meeting_step(side, at, after, d)
     return cut
 
@@ -493,9 +503,8 @@ def _meeting_step(side, at, after, d):
         cut = step.edge_step(apart - half, slip, left - half, later, d, d)
         return step.edge_step(apart + half, slip, left + half, later, d, cut)
     # Where a damper would pull, they part before the spring is unstrained.
-    stiffness, damping = side.numbers[step.STIFFNESS], side.numbers[step.DAMPING]
-    pushes = stiffness * (s * apart - half) + damping * s * slip
-    pulls = -(stiffness * (s * left - half) + damping * s * later)
+    pushes = _end_push(side, s, apart, slip)
+    pulls = -_end_push(side, s, left, later)
     if pushes < 0.0 or pulls <= 0.0:
         return d
     # A little later, so that they have parted then.
@@ -690,7 +699,7 @@ def _advance_inner(side, drive, t0, h, memory, events, count):
     before, rest, at = int(memory[step.MODE]), memory[step.REST], _masses(memory, two, rubs)
     if not abs(at.y) < math.inf:  # as it is left by a motion that no step follows
         return at.v, 0.0, before
-    gaps = two and side.numbers[step.HALF_GAP] > 0.0
+    gaps = _has_gap(side)
     if gaps:
         at = _touching(side, at, h)
     first, p, z, friction, m1, k1 = _begin_inner(
@@ -1348,7 +1357,7 @@ def _inner_task(
         v, friction, mode, _ = _seen_play(plant, drive, t0, memory, contact_side(plant, memory))
     else:
         at, z, before = _masses(memory, two, rubs), memory[step.DEFLECTION], int(memory[step.MODE])
-        if two and numbers[step.HALF_GAP] > 0.0:
+        if _has_gap(side):
             at = _touching(side, at, h)
         found = _begin_inner(side, drive, t0, at, z, before, memory[step.REST])
         v, friction, mode = found[1] if rubs else at.v, found[3], found[0]

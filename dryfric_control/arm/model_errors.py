@@ -61,8 +61,8 @@ _BY_LOAD = 0.2
 _GAIN = 0.1
 # Time by which the clock of a joint is behind the others [s].
 _LATE = 5e-3
-# Velocities of Stribeck parts, over the usual large velocity.
-_PEAKS = (0.03, 0.1, 0.3)
+# Velocities of Stribeck parts, over the usual large velocity: one falls between two of them.
+_PEAKS = (0.02, 0.04, 0.08, 0.16, 0.32)
 # Standard deviation of the moment of inertia of a payload about its own centre [kg m^2].
 _OWN_INERTIA = 2e-3
 # Most searches for the place of a payload.
@@ -383,7 +383,12 @@ def _what_remains(records: ArmRecords) -> Remains:
 def sliding_rows(
     records: ArmRecords, links: Sequence[Link], most: int = _MOST, clocks: bool = True
 ) -> Rows:
-    """Rows of the regression of all joints: at most some of each, with columns of their clocks."""
+    """Rows of the regression of all joints: at most some of each, with columns of their clocks.
+
+    Each is a mean over a window of the smoothing, in which the joint slides in one direction.
+    Errors of accelerations half a window apart nearly cancel: as errors of their own they would
+    pass for a shift of the acceleration, which is what a clock does.
+    """
     arm = records.arm
     parts = []
     spreads = []
@@ -397,6 +402,8 @@ def sliding_rows(
         if rows.size < _LEAST_ROWS * pick.size:
             rows = np.arange(pick.size)
         rows = rows[::step]
+        halves = _halves_of_windows(pick[rows], sliding.direction[rows], step)
+        rows = rows[halves]
         pick = pick[rows]
         u = sliding.u[rows]
         direction = sliding.direction[rows].astype(float)
@@ -420,7 +427,10 @@ def sliding_rows(
             math.inf, math.inf, _ARMATURE * axis.mass, _OFFSET * level, _BY_LOAD,
             *[_PEAK * level] * len(peaks),
         ]  # fmt: skip
-        parts.append((u - force[:, j], np.full(v.size, j), own, regressor, force[:, j], behind))
+        means = [
+            _means_of_halves(one) for one in (u - force[:, j], own, regressor, force[:, j], behind)
+        ]
+        parts.append((means[0], np.full(means[0].size, j), *means[1:]))
     count = [part[2].shape[1] for part in parts]
     own = np.zeros((sum(part[0].size for part in parts), sum(count)))
     row = column = 0
@@ -432,6 +442,21 @@ def sliding_rows(
         np.concatenate([part[i] for part in parts]) for i in (0, 1, 3, 4, 5)
     )
     return Rows(y, number, own, np.array(spreads), regressor, force, behind)
+
+
+def _halves_of_windows(at: Ints, direction: Ints, step: int) -> Ints:
+    """Rows, two and two, that follow each other by a step in one direction."""
+    index = np.arange(at.size)
+    follows = np.zeros(at.size, bool)
+    follows[1:] = (np.diff(at) == step) & (np.diff(direction) == 0)
+    place = index - np.maximum.accumulate(np.where(follows, 0, index))
+    second = np.flatnonzero(follows & (place % 2 == 1))
+    return np.ravel(np.stack([second - 1, second], axis=1))
+
+
+def _means_of_halves(column: Floats) -> Floats:
+    """Means of two rows each."""
+    return np.asarray(0.5 * (column[::2] + column[1::2]))
 
 
 def _unsteady(records: ArmRecords) -> Bools:

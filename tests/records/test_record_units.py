@@ -207,6 +207,18 @@ def test_a_pressure_without_a_unit_is_taken_as_a_force_and_that_is_said(heading)
     assert any("the drive is a pressure" in message for message in bare.check().messages)
 
 
+@pytest.mark.parametrize("heading", ["pwm", "duty", "duty_cycle", "PWM duty"])
+def test_a_duty_cycle_without_a_unit_is_taken_as_a_force_and_that_is_said(heading):
+    table = {"t": T, heading: U, "x": X}
+    said = f"'{heading}' is a duty cycle, not a force, and is taken as N: give the force"
+    with pytest.warns(dfc.RecordWarning, match=said):
+        record = dfc.read_record(table)
+    assert any("is a duty cycle without a unit" in note for note in record.notes)
+    with warnings.catch_warnings(action="error"):
+        np.testing.assert_allclose(dfc.read_record(table, gain={"u": 12.0}).u, 12.0 * U)
+        assert dfc.read_record(table, units={"u": "N"}).units["u"] == "N"
+
+
 @pytest.mark.parametrize("heading", ["force", "Druckkraft", "Presskraft", "torque", "u"])
 def test_a_force_is_no_pressure(heading):
     with warnings.catch_warnings(action="error"):

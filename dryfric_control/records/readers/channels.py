@@ -748,6 +748,13 @@ _NO_FORCES = {
         'give its unit and the area, units={"u": "bar"} and gain=dfc.Scaling(piston_area=...) '
         '[m^2], or state that of a force, units={"u": "N"}',
     ),
+    # A part of one, percent or counts of a timer: nobody knows.
+    "duty cycle": (
+        "",
+        "taken as",
+        'give the force or torque of a duty of one, gain={"u": ...}, or state the unit of a force, '
+        'units={"u": "N"}',
+    ),
 }
 
 

@@ -13,8 +13,10 @@ from dryfric_control.arm.rigid_model import RigidArm
 from dryfric_control.arrays import Floats
 from dryfric_control.records.bad_readings import mask_filled
 from dryfric_control.records.read import read_record
+from dryfric_control.records.readers.reading import call_text
 from dryfric_control.records.record import Record
 from dryfric_control.records.record_warning import warn
+from dryfric_control.records.refusal import RefusalError
 from dryfric_control.records.scaling import Scaling
 
 # Difference of two clocks, over the step, below which they are one.
@@ -53,10 +55,25 @@ def joint_records(arm: RigidArm, log: Any, scaling: Any, /, **options: Any) -> d
             problem.add_note(
                 f'in joint {joint}; one that does not move: held={{"{joint}": its position}}'
             )
+            if isinstance(problem, RefusalError):
+                raise _refusal_of_log(problem) from None
             raise
     for joint, record in found.items():
         found[joint] = _in_units(arm, joint, record)
     return _on_one_clock(found)
+
+
+def _refusal_of_log(problem: RefusalError) -> RefusalError:
+    """A refusal with the line that reads all joints, where its arguments are those of all."""
+    shared = {k: v for k, v in problem.arguments.items() if k not in ("joint", "name", "columns")}
+    if not shared or problem.arguments.get("columns"):
+        return problem
+    line = call_text("arm_records", ["model", "log"], shared)
+    reasons = problem.reasons.removesuffix(".")
+    found = problem.with_line(f"{reasons}. Read all joints by {line}", shared)
+    for note in problem.__notes__:
+        found.add_note(note)
+    return found
 
 
 def _joint_record(log: Mapping[str, Record], joint: str, arm: RigidArm) -> Record:

@@ -314,9 +314,9 @@ def uniform_step(t: Floats) -> float:
         raise RefusalError(
             f"t is not uniform: steps from {steps.min():.4g} s to {steps.max():.4g} s, jitter "
             f"{100 * jitter / dt:.3g} % of dt = {dt:.4g} s (limit {100 * JITTER_LIMIT:g} %). "
-            f"Resample with Record.from_irregular(...) or read_record(..., dt={median:.3g}); "
+            f"Resample with Record.from_irregular(...) or read_record(..., dt={dt:.3g}); "
             f"if only the stamps are coarse, pass t = t0 + dt * np.arange(n).{coarse}",
-            dt=_suggested_step(steps),
+            dt=float(f"{dt:.3g}"),
         )
     off = float(np.abs(t - t[0] - dt * np.arange(t.size)).max())
     if off > 0.5 * dt:

@@ -257,6 +257,19 @@ def test_numbers_and_rows_that_are_lost(log, nominal):
     assert np.sqrt(np.mean((a - b) ** 2)) < 0.03 * np.sqrt(np.mean(b**2))
 
 
+def test_stamps_that_jitter_are_refused_with_the_line_that_reads_all_joints(log, nominal):
+    t = log["time"] + 5e-4 * np.random.default_rng(1).uniform(-1.0, 1.0, log["time"].size)
+    jittered = {name: np.interp(t, log["time"], values) for name, values in log.items()}
+    jittered["time"] = t
+    line = r"not uniform.*Read all joints by arm_records\(model, log, dt=0.01\)"
+    with pytest.raises(ValueError, match=line) as caught:
+        dfc.arm_records(MODEL, jittered)
+    assert "in joint pan" in caught.value.__notes__[0]
+    found = dfc.arm_records(MODEL, jittered, dt=0.01)
+    a, b = (one.records["lift"].known_load[:2390] for one in (found, nominal))
+    assert np.sqrt(np.mean((a - b) ** 2)) < 0.03 * np.sqrt(np.mean(b**2))
+
+
 def test_joints_with_stamps_of_their_own_are_put_on_one_clock(log, nominal):
     records = {joint: dfc.read_record(log, joint=joint, name=joint) for joint in TRUE}
     fine = records["elbow"]

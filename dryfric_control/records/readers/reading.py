@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -64,10 +64,13 @@ def read_as(
     mended = _merge_options(given, mend)
     line = f"Read it by {_line(source, mended, gain)}"
     if len(reasons) == 1:
-        helps = mended != {"columns": columns, **options}  # a mend beyond the arguments has no line
-        raise RefusalError(f"{said.removesuffix('.')}. {line}" if helps else said, **mend)
+        only = RefusalError(said, **mend)
+        if mended == {"columns": columns, **options}:  # a mend beyond the arguments has no line
+            raise only
+        raise only.with_line(f"{said.removesuffix('.')}. {line}", mended)
     listed = "".join(f"\n  {k}. {reason}" for k, reason in enumerate(reasons, 1))
-    raise RefusalError(f"not read as it is, for {len(reasons)} reasons:{listed}\n{line}")
+    all_of_them = RefusalError(f"not read as it is, for {len(reasons)} reasons:{listed}")
+    raise all_of_them.with_line(f"{all_of_them.reasons}\n{line}", mended)
 
 
 def _read(
@@ -212,13 +215,18 @@ def _merge_options(given: Mapping[str, Any], mend: Mapping[str, Any]) -> dict[st
 
 def _line(source: Any, given: Mapping[str, Any], gain: Gain) -> str:
     """A call of `read_record` to copy."""
-    words = [_argument_text(source) if isinstance(source, (str, os.PathLike)) else "source"]
+    first = _argument_text(source) if isinstance(source, (str, os.PathLike)) else "source"
     usual = isinstance(gain, (float, Scaling)) and gain in (1.0, Scaling())
-    shown = {**given, "gain": None if usual else gain}
-    for key, value in shown.items():
+    return call_text("read_record", [first], {**given, "gain": None if usual else gain})
+
+
+def call_text(function: str, first: Sequence[str], arguments: Mapping[str, Any]) -> str:
+    """A call to copy: without the arguments that are None or usual."""
+    words = [*first]
+    for key, value in arguments.items():
         if value is not None and (key, value) not in _USUAL:
             words.append(f"{key}={_argument_text(value)}")
-    return f"read_record({', '.join(words)})"
+    return f"{function}({', '.join(words)})"
 
 
 def _argument_text(value: Any) -> str:

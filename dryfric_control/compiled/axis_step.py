@@ -187,6 +187,8 @@ _STEEPEST_PEAK = math.sqrt(2.0 / math.e)
 MOST_SLOPE = 1e100
 # What effects may add to a level, as a multiple of it, for the bound of its rate.
 _RAISED = 2.0
+# Time constants after which a lagged drive is where it goes, to round-off.
+_LAG_REACH = 40.0
 
 
 class TooManySwitchesError(ValueError):
@@ -1364,10 +1366,23 @@ def _advance_straight(plant, t, start, end, h, memory, events, count):
     slope, lag = (end - start) / h, plant.numbers[LAG]
     if lag <= 0.0:
         return advance(plant, Drive(start, slope, 0.0, 0.0), t, h, memory, events, count)
-    level = start - slope * lag
+    return _advance_lagged(plant, t, start - slope * lag, slope, lag, h, memory, events, count)
+
+
+@internal
+def _advance_lagged(plant, t, level, slope, lag, h, memory, events, count):
+    """Move the axis over h, in which a lagged drive nears the line level + slope tau."""
     drive = Drive(level, slope, memory[LAGGED] - level, 1.0 / lag)
-    seen = advance(plant, drive, t, h, memory, events, count)
-    memory[LAGGED] = drive_force(drive, h)
+    near = _LAG_REACH * lag
+    if near > 0.5 * h:
+        near = h
+    seen = advance(plant, drive, t, near, memory, events, count)
+    memory[LAGGED] = drive_force(drive, near)
+    # A lag far shorter than the sample is over soon, and no bound on its rate is needed after that.
+    if near < h:
+        line = Drive(level + slope * near, slope, 0.0, 0.0)
+        advance(plant, line, t + near, h - near, memory, events, count)
+        memory[LAGGED] = level + slope * h
     return seen
 
 

@@ -292,3 +292,14 @@ def test_load_that_rubs_is_as_good_as_more_mass_and_friction(effects):
     u = 20.0 + 5.0 * np.sin(6.0 * DT * np.arange(1000))
     x, y = (one.simulate(u, DT).y[0] for one in (axis, other))
     np.testing.assert_allclose(y, x, rtol=0, atol=1e-8 * np.ptp(x))
+
+
+def test_a_lag_far_shorter_than_a_sample_is_none():
+    """Its time constant is what a fit may try: the steps within a sample must not follow it."""
+    t = 2e-3 * np.arange(1000)
+    u = 9.0 * np.sin(6.0 * t) + 3.0 * np.sin(20.0 * t)
+    axis = dfc.FrictionAxis(mass=1.0, viscous=24.0, coulomb=4.0)
+    plain = axis.simulate(u, dt=2e-3).y
+    for time_constant in (1e-14, 1e-11, 1e-9):
+        late = axis.replace(effects=(dfc.effects.ActuatorLag(time_constant),))
+        np.testing.assert_allclose(late.simulate(u, dt=2e-3).y[0], plain[0], rtol=0, atol=1e-8)

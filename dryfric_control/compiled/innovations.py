@@ -554,9 +554,12 @@ def _elastic_covariance(by_x, by_v, gives, keeps, dt, inverse, variance, p, g, d
     vz = keeps * v_z + gives * (m01 - on_v)
     det = max(m00 * m11 - m01 * m01, 1e-9 * m00 * m11)
     # What a random force bends does not all come back: it bends them by 1/gives, and back by
-    # 1/(2 - gives), half of the time.
-    bends = inverse / by_x * (1.0 / max(gives, _SOFTEST) - 1.0 / (2.0 - max(gives, _SOFTEST)))
-    creep = 0.5 * variance * bends * bends
+    # 1/(2 - gives), half of the time; in one sample by no more than a mass without a contact moves.
+    loose = 0.5 * dt * dt * inverse
+    softness = -inverse / by_x
+    forth = min(softness / max(gives, _SOFTEST), loose)
+    back = min(softness / (2.0 - max(gives, _SOFTEST)), loose)
+    creep = 0.5 * variance * (forth - back) * (forth - back)
     det += creep * m11
     m00 += creep
     g = m01 / m00

@@ -461,3 +461,18 @@ def test_a_rough_cost_ends_where_no_point_around_is_lower(start):
     assert found.cost < maximise(known, known.start(1.0)).cost - 50.0
     distance = found.values()["presliding.distance"]
     assert distance == pytest.approx(axis.effects[0].distance, rel=0.005)
+
+
+def test_a_random_force_bends_bristles_by_no_more_than_it_moves_a_mass_in_a_sample():
+    """On a contact of bristles near its level, which gives way to the next force most."""
+    contact = dfc.effects.Presliding(distance=8e-6, damping=700.0, bristles=1.0)
+    axis = AXIS.replace(mass=15.0, effects=(contact,))
+    u = 8.2 * np.sin(3.0 * T)
+    y = axis.simulate(u, dt=DT).y[0]
+    force, reading = 16.0, 1e-16  # (4 N)^2, (10 nm)^2: far more than acts, and less than it moves
+    (_, s), _ = innovations(axis, u, y, force, reading)
+    # Position and velocity before the sample are known from the last readings, whose differences
+    # have the velocities of two samples of force.
+    moved = 0.5 * DT**2 / 15.0
+    assert np.all(s[10:] < force * (6.0 * moved) ** 2 + 10.0 * reading)
+    assert np.median(s) > 0.5 * force * moved**2

@@ -280,9 +280,13 @@ def _copy(source, a, b, target):
 
 
 @axis_step.internal
-def _must_run(active, linked, i):
-    """Whether a window must run: requested, or linked to a next one that is."""
-    return active[i] or (linked and i + 1 < active.shape[0] and active[i + 1])
+def _last_to_run(active):
+    """Number of the last window that is requested, -1 if none is."""
+    last = -1
+    for i in range(active.shape[0]):
+        if active[i]:
+            last = i
+    return last
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -411,11 +415,13 @@ def project(axis, w, search, at):
     better = np.empty(n)
     scratch = (np.empty(n), np.empty(n), np.empty(n))
     starts = at.starts
+    # Of a load that swings slowly, a window knows no more than all those before it.
+    last = _last_to_run(search.active) if search.linked else -1
     for i in range(w.edges.shape[0] - 1):
         a = w.edges[i]
         b = w.edges[i + 1]
         active = search.active[i]
-        if not _must_run(search.active, search.linked, i):
+        if not (active or i < last):
             inner[:] = np.nan
             continue
         _inner_at(run, w, i, starts[2, i], inner)

@@ -18,6 +18,7 @@ from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects.naming import named
 from dryfric_control.model.friction_curve import net_force
+from dryfric_control.records.record import Record
 
 # Slope of the log-likelihood with the logarithm of a parameter at a bound that presses it there.
 _PRESSED = 1.0
@@ -41,7 +42,27 @@ def infeasible_reason(problem: Problem, fit: Solution, name: str, own: Sequence[
     drives = [_drive(axis, name, run.u) for axis, run in zip(axes, fit.problem.runs, strict=True)]
     if not any(effect.beyond_noise(u, fit.random_force(i)) for i, u in enumerate(drives)):
         return "no different from noise of the drive"
+    rows = zip(axes, fit.problem.runs, strict=True)
+    if not any(named(axis)[name].told_from_drive(r.u, r.record.dt) for axis, r in rows):
+        return "at a frequency of the drive, where any law of the motion has a force"
+    if all(_is_like_another(axis, name, records) for axis in axes):
+        return "no different from another of its kind within the records"
     return ""
+
+
+def _is_like_another(axis: FrictionAxis, name: str, records: Sequence[Record]) -> bool:
+    """Whether one of its kind before it repeats so alike that no record holds a beat of both."""
+    effects = named(axis)
+    mine = effects[name].periods
+    time = max(one.duration for one in records)
+    travel = max(one.range for one in records)
+    for other in itertools.takewhile(lambda n: n != name, effects):
+        if type(effects[other]) is type(effects[name]):
+            pairs = zip(mine, effects[other].periods, (time, travel), strict=True)
+            beats = [shown * abs(1.0 / a - 1.0 / b) for a, b, shown in pairs if a + b < math.inf]
+            if beats and max(beats) < 1.0:
+                return True
+    return False
 
 
 def _beyond_record(problem: Problem, axes: Sequence[FrictionAxis], name: str) -> bool:

@@ -58,6 +58,9 @@ DELAY = "input_delay"
 LIMIT = "saturation"
 #: The effect that makes the level of a breakaway higher than that of sliding.
 PEAK = "stribeck"
+#: What gives the filter other states, with which it follows the readings more closely: its
+#: likelihood counts that for the cause, so free runs must show it.
+_OTHER_STATES = ("contact", "transmission")
 # Least excess from which the fit of a peak begins.
 _LEAST_PEAK = 0.1
 # Largest ratio of the squared force that an effect leaves to that which a cause leaves in its place
@@ -269,7 +272,7 @@ class Search:
                 row = self.best_proposal(now)
                 there = self.restart_model(now)
                 if there is not None:
-                    now = there
+                    now = self.eliminate_causes(there)
                     continue
                 if row is not None:
                     joined = self.weigh_causes(Model(row.fit, (*now.causes, *row.names)))
@@ -330,7 +333,10 @@ class Search:
             fit = maximise(
                 fit.problem, fit.z, COMPARISON_ITERATIONS, self.problem.until, again=True
             )
-        return replace(now, fit=fit) if evidence(now.fit, fit) > 0.0 else now
+        if evidence(now.fit, fit) <= 0.0:
+            return now
+        # What made up for the wrong form is no cause any more.
+        return self.eliminate_causes(Model(fit, now.causes))
 
     def restart_model(self, now: Model) -> Model | None:
         """The model likelier than before, from where the likeliest fit with no cause ended.
@@ -500,8 +506,9 @@ class Search:
                 before = best.get(key, one)
                 best[key] = replace(min(one, before, key=lambda p: p.cost), held=one.held)
             # The likeliest in one pass, and those of which most is predicted beside this model.
-            some = sorted(proposals, key=lambda p: p.cost)[:count]
-            some += sorted(proposals, key=lambda p: -p.predicted)[: MAX_SINGLE_PROPOSALS // 2]
+            some = _first_effects(sorted(proposals, key=lambda p: p.cost), count)
+            most = sorted(proposals, key=lambda p: -p.predicted)
+            some += _first_effects(most, MAX_SINGLE_PROPOSALS // 2)
             chosen += map(_start_of, some)
         return _likeliest_shapes([best[key] for key in dict.fromkeys(chosen)])
 
@@ -600,9 +607,12 @@ class Search:
             lost = [worst] if worth[worst] <= 0.0 else []
             alone = self._strong_evidence(now)
             for name in now.causes if free_runs else ():
-                if worth[name] < alone and not self._is_visible(less[name].fit, now.fit):
-                    lost.append(name)
-                elif effect_class(name).remembers and self._is_harmful(less[name].fit, now.fit):
+                effect = effect_class(name)
+                if worth[name] < alone or effect.action in _OTHER_STATES:
+                    keeps = self._is_visible(less[name].fit, now.fit)
+                else:
+                    keeps = not (effect.remembers and self._is_harmful(less[name].fit, now.fit))
+                if not keeps:
                     lost.append(name)
             if not lost:
                 return now
@@ -641,11 +651,7 @@ class Search:
         return bool(simpler) or fall > max(MIN_SCORE_FALL, MIN_SCORE_FALL_ERRORS * error)
 
     def _is_harmful(self, less: Solution, more: Solution) -> bool:
-        """Whether free runs on unseen data err more with a cause than without.
-
-        Beside a memory the filter has other states and follows the readings more closely, which
-        its likelihood counts for the cause.
-        """
+        """Whether free runs on unseen data err more with a cause than without."""
         fall, error = in_free_runs(self.problem, less, more)
         return fall < -max(MIN_SCORE_FALL, MIN_SCORE_FALL_ERRORS * error)
 
@@ -666,7 +672,9 @@ class Search:
         for name in sorted(now.worth, key=now.worth.__getitem__)[:MAX_EXCHANGED_CAUSES]:
             less = now.less[name]
             rivals = self._substitute_effects(less, name)
-            known = (name, now.fit)
+            # Those of a kind are counted again without it: it would be the last of them.
+            alike = [n for n in catalogue(less.fit.axis) if effect_class(n) is effect_class(name)]
+            known = (max(alike, default=name), now.fit)
             for row in self.round(less, now.fit, rivals, known) if rivals else ():
                 causes = (*less.causes, *row.names)
                 same = {*causes} == {*now.causes} or len(causes) > MAX_CAUSES
@@ -753,6 +761,12 @@ def _shows_in_balance(effect: type[Effect], steady: bool, memory: Sequence[str] 
         return False
     remembers = effect.remembers and effect.action not in memory
     return not (remembers or effect.loaded() or (steady and effect.needs_velocities()))
+
+
+def _first_effects(some: list[Proposal], count: int) -> list[Proposal]:
+    """Proposals of the first sets of effects: a form of one does not crowd out another."""
+    names = {*[*dict.fromkeys(frozenset(one.names) for one in some)][:count]}
+    return [one for one in some if frozenset(one.names) in names]
 
 
 def _likeliest_shapes(some: list[Proposal]) -> list[Proposal]:

@@ -1,4 +1,4 @@
-"""A joined proposal of which one cause is rejected goes on without it."""
+"""What is no cause, and a joined proposal of which one is rejected: it goes on without that."""
 
 from types import SimpleNamespace
 
@@ -7,6 +7,7 @@ import numpy as np
 import dryfric_control as dfc
 from dryfric_control.diagnosis import looks
 from dryfric_control.diagnosis.gram import Proposal
+from dryfric_control.diagnosis.invariants import _is_like_another
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.estimation.likelihood import prepare
 
@@ -37,3 +38,29 @@ def test_what_is_left_of_a_joined_proposal_is_fitted(monkeypatch):
     assert fits._without_rejected(look, [one]) == []
     rejected.clear()
     assert fits._without_rejected(look, [one]) == []
+
+
+def test_a_sine_at_a_far_larger_line_of_the_drive_may_be_of_any_law_of_the_motion():
+    t = 2e-3 * np.arange(5000)
+    sine = dfc.effects.TimePeriodic(amplitude=1.0, frequency=2.0)
+    drive = np.sin(2.0 * np.pi * 2.0 * t)
+    assert not sine.told_from_drive(5.0 * drive, 2e-3)
+    assert sine.told_from_drive(1.5 * drive, 2e-3)  # as large as a loop answers it
+    assert sine.told_from_drive(50.0 * np.sin(2.0 * np.pi * 3.0 * t), 2e-3)
+    assert sine.told_from_drive(np.zeros(5000), 2e-3)
+
+
+def test_two_of_a_kind_without_a_beat_in_the_record_are_one():
+    t = 2e-3 * np.arange(5000)  # 10 s
+    record = dfc.Record(t, np.sin(9.0 * t), 0.1 * np.sin(9.0 * t))
+
+    def alike(*effects, name):
+        return _is_like_another(AXIS.replace(effects=effects), name, [record])
+
+    sine, cogs = dfc.effects.TimePeriodic, dfc.effects.Cogging
+    assert alike(sine(1.0, 2.0), sine(1.0, 2.05), name="time_periodic_2")
+    assert not alike(sine(1.0, 2.0), sine(1.0, 2.05), name="time_periodic")  # the first stays
+    assert not alike(sine(1.0, 2.0), sine(1.0, 2.2), name="time_periodic_2")
+    assert alike(cogs(1.0, 0.05), cogs(1.0, 0.055), name="cogging_2")  # over 0.2 m
+    assert not alike(cogs(1.0, 0.05), cogs(1.0, 0.08), name="cogging_2")
+    assert not alike(cogs(1.0, 0.05), SPRING, name="spring")

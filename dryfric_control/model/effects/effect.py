@@ -640,6 +640,18 @@ class Effect:
         """
         return True
 
+    def told_from_drive(self, u: Floats, dt: float) -> bool:
+        """Whether no law of the motion would have its force, too, as far as the drive tells.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n,)
+            Recorded inputs.
+        dt : float
+            Sampling time [s].
+        """
+        return True
+
     def viscous_in(self, direction: int) -> float:
         """Viscous coefficient that it adds in one direction [N s/m].
 

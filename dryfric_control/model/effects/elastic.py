@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.signal import cont2discrete, lfilter
 
 from dryfric_control.model.effects.columns import Column, View, simulated_column
 from dryfric_control.model.effects.effect import BaseAxis, Effect, Inner, parameter, register_effect
@@ -37,6 +39,11 @@ def _on_motor() -> Any:
     )  # fmt: skip
 
 
+# Periods in the longest record of the slowest load that swings, number of those that are tried, and
+# the largest share of the mass that one has.
+_SLOWEST_PERIODS = 2.0
+_SWINGS = 16
+_LARGEST_SHARE = 0.95
 # Resonances that are tried, times the sampling time [rad]: up to half of what samples can show.
 _TURNS = np.geomspace(0.02, 1.6, 18)
 
@@ -320,6 +327,37 @@ class LoadEncoderBacklash(_Play):
         return ()
 
 
+def _swings(view: View) -> Iterator[Column]:
+    """Force of a load that swings slowly on a motor with the friction, by the motion of that.
+
+    With y the stretch of the spring, the load moves by ``y'' + 2 ratio turn y' + turn^2 y = a``
+    and pulls, beyond its own inertia, with ``load_fraction mass y''``.
+    """
+    mass = view.axis.mass
+    slowest = 2.0 * math.pi * _SLOWEST_PERIODS / view.duration
+    fastest = _TURNS[0] / view.dt
+    if slowest >= fastest:
+        return
+    begins = np.flatnonzero(np.r_[True, np.abs(np.diff(view.t) / view.dt - 1.0) > 0.5])
+    for turn in np.geomspace(slowest, fastest, _SWINGS):
+        law = ([1.0, 0.0, 0.0], [1.0, 2.0 * _RATIO * turn, turn**2])
+        numerator, denominator, _ = cont2discrete(law, view.dt, method="bilinear")
+        pulls = [lfilter(np.ravel(numerator), denominator, a) for a in np.split(view.a, begins[1:])]
+        yield Column(
+            functools.partial(_swinging_load, turn=float(turn), mass=mass),
+            (mass * np.concatenate(pulls),), positive=True, most=_LARGEST_SHARE,
+        )  # fmt: skip
+
+
+def _swinging_load(c: Sequence[float], turn: float, mass: float) -> dict[str, float]:
+    """Values of a load that swings, for its share of the mass."""
+    inertia = float(c[0]) * mass
+    return {
+        "stiffness": inertia * turn**2, "damping": 2.0 * _RATIO * inertia * turn,
+        "load_fraction": float(c[0]), "friction_on_motor": 1.0,
+    }  # fmt: skip
+
+
 @register_effect
 class Compliance(Effect):
     r"""Elastic transmission between motor and load.
@@ -392,6 +430,7 @@ class Compliance(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
+        yield from _swings(view)
         for turn, motor in itertools.product(_TURNS / view.dt, (0.0, 1.0)):
             inertia = _SHARE * view.axis.mass
             yield simulated_column(

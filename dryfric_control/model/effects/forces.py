@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from dryfric_control.arrays import Floats
 from dryfric_control.model.effects.columns import Column, View, proportional_column, sine, sines
 from dryfric_control.model.effects.effect import (
     BaseAxis,
@@ -23,6 +24,8 @@ _ARC = 0.5
 # Depths to which an axis runs into its stops, and how far beyond its travel one is that it does
 # not reach, over the travel in the record.
 _BEYOND = 0.05
+# Largest line of a drive by which a loop answers a disturbance, over that.
+_LARGEST_ANSWER = 2.0
 _DEPTHS = tuple(np.geomspace(0.003, 0.3, 12))
 
 
@@ -477,6 +480,14 @@ class TimePeriodic(Effect):
         if self.amplitude == 0.0 or self.frequency < 1e-300:
             return math.inf
         return 0.125 / self.frequency
+
+    def told_from_drive(self, u: Floats, dt: float) -> bool:
+        # A loop answers a disturbance by about as large a force: a far larger line of the drive is
+        # of the reference, and any law of the motion has a force of its frequency.
+        window = np.hanning(u.size)
+        turn = np.exp(-2j * np.pi * self.frequency * dt * np.arange(u.size))
+        line = 2.0 * abs(window @ (u * turn)) / max(float(window.sum()), 1e-300)
+        return bool(line < _LARGEST_ANSWER * self.amplitude)
 
     @property
     def periods(self) -> tuple[float, float]:

@@ -238,14 +238,17 @@ def test_no_cause_is_named_beside_a_mass_that_no_one_would_name(slug, bound, rep
     ("name", "fall", "kept"),
     [
         ("compliance", -0.10, False),
-        ("compliance", -0.01, True),  # less than a fall that shows
+        ("compliance", 0.01, False),  # less than a fall that shows
         ("compliance", 0.10, True),
+        ("dwell_time", -0.10, False),
+        ("dwell_time", -0.01, True),  # the filter has no other states beside it
         ("stribeck", -0.10, True),  # which the force alone shows
     ],
 )
-def test_a_memory_with_which_free_runs_err_more_is_no_cause(monkeypatch, name, fall, kept):
+def test_a_memory_that_free_runs_do_not_show_is_no_cause(monkeypatch, name, fall, kept):
     """A coarse record with a Stribeck peak: likelier by 333 with a compliance, and 20 times off."""
     monkeypatch.setattr(search_module, "in_free_runs", lambda problem, less, more: (fall, 0.01))
+    monkeypatch.setattr(search_module, "nominal_error_costs", lambda fit: np.zeros(1))
     search = search_module.Search(problem=None)
     search.weigh_causes = search._remove_implausible = lambda model: model
     bare = search_module.Model(SimpleNamespace())

@@ -1,5 +1,6 @@
 """What is no cause, and a joined proposal of which one is rejected: it goes on without that."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -64,3 +65,9 @@ def test_two_of_a_kind_without_a_beat_in_the_record_are_one():
     assert alike(cogs(1.0, 0.05), cogs(1.0, 0.055), name="cogging_2")  # over 0.2 m
     assert not alike(cogs(1.0, 0.05), cogs(1.0, 0.08), name="cogging_2")
     assert not alike(cogs(1.0, 0.05), SPRING, name="spring")
+
+
+def test_a_gap_far_below_what_its_ends_give_way_by_is_no_play():
+    ends = dfc.effects.Backlash(1e-4, 0.5, compliance=1e-4, damping=1.0)  # 0.3 mm under 3 N
+    assert ends.plausible(AXIS) and PLAY.plausible(AXIS)
+    assert not replace(ends, gap=1e-5).plausible(AXIS)

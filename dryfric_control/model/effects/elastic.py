@@ -23,6 +23,8 @@ _RATIO = 0.05
 _SHARE = 0.45
 # What the ends of a gap give way by under the Coulomb level, in parts of the gap.
 _GIVES = (0.01, 0.04, 0.16)
+# Least gap of a play over what its ends give way by under the Coulomb level.
+_LEAST_GAP = 0.1
 # Part of the mass behind a gap, of the shapes that are tried with ends that give way, too.
 _MIDDLE_SHARE = 0.5
 # Lengths over which a soft contact may build up, in parts of the travel.
@@ -247,6 +249,11 @@ class Backlash(_Play):
         if self.compliance == 0.0:
             return found
         return found._replace(stiffness=1.0 / self.compliance, damping=self.damping)
+
+    def plausible(self, axis: BaseAxis) -> bool:
+        # A gap far below what its ends give way by does nothing: that is a compliance.
+        level = middle_level(axis.coulomb, axis.travel)
+        return self.gap >= _LEAST_GAP * self.compliance * level
 
     def meaning(self, units: tuple[str, str]) -> str:
         said = [super().meaning(units)]

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 #: Relative change of a nominal value up to which it is a correction and no
 #: finding: datasheets round, and friction changes by as much with the weather.
 SMALL = 0.05
+# Standard error over the value from which a record leaves that open.
+_OPEN = 1000.0
 #: Said where a search has run out of time.
 LATE = (
     "the time limit ended the search: the best answer so far; causes may be missing, and a base "
@@ -268,11 +270,11 @@ def believed_values(axis: FrictionAxis, cause: Cause) -> dict[str, float]:
 
 
 def with_error(value: float, error: float | None, unit: str = "1") -> str:
-    """A value and its standard error, if any, with two digits; an infinite one leaves it open."""
+    """A value and its standard error, if any, with two digits; a huge one leaves it open."""
     unit = "" if unit == "1" else f" {unit}"
     if error is None:
         return f"{value:.4g}{unit}"
-    if not math.isfinite(error):
+    if not math.isfinite(error) or error > _OPEN * abs(value) > 0.0:
         return f"{value:.3g}{unit} (undetermined)"
     if error <= 0.0:
         return f"{value:.5g}{unit}"

@@ -17,7 +17,7 @@ which is linear in the time by which it is.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -61,6 +61,9 @@ _BY_LOAD = 0.2
 _GAIN = 0.1
 # Time by which the clock of a joint is behind the others [s].
 _LATE = 5e-3
+# Least time by which a clock is behind that is named, over the sampling time: less does no harm,
+# and is below the errors of the linear model, whose friction is approximate.
+_LEAST_LATE = 0.25
 # Velocities of Stribeck parts, over the usual large velocity: one falls between two of them.
 _PEAKS = (0.02, 0.04, 0.08, 0.16, 0.32)
 # Standard deviation of the moment of inertia of a payload about its own centre [kg m^2].
@@ -235,6 +238,7 @@ class Rows(NamedTuple):
     regressor: Floats  # shape (nrows, nlinks, 10)
     force: Floats  # of the model without friction
     behind: Floats  # force beyond the model per second by which a joint is behind, (nrows, njoints)
+    dt: float  # sampling time [s]
 
 
 def find_model_errors(records: ArmRecords, anyway: bool = False) -> tuple[ModelError, ...]:
@@ -261,6 +265,7 @@ def find_model_errors(records: ArmRecords, anyway: bool = False) -> tuple[ModelE
 def _search_errors(records: ArmRecords) -> tuple[tuple[ModelError, ...], list[str]]:
     """Errors of the model, and links that deviate from it as hardly any does."""
     late = dict[str, ModelError]()
+    right = set[str]()
     regression = _regression_of(records)
     chosen = regression.search()
     for _ in range(_CLOCKS):
@@ -272,14 +277,24 @@ def _search_errors(records: ArmRecords) -> tuple[tuple[ModelError, ...], list[st
             for one in clocks:
                 first = late.get(one.link, replace(one, value=0.0))
                 late[one.link] = replace(first, value=first.value + one.value)
-            delays = {name: one.value for name, one in late.items()}
-            regression = _regression_of(replace(records, late=records.late | delays))
+            regression = _regression_of(_with_clocks(records, late))
             if all(abs(one.value) < _SETTLED_CLOCK for one in clocks):
                 break
             clocks = [one for one in regression.errors(chosen) if one.kind == "clock"]
-        chosen = regression.search()
+        least = _LEAST_LATE * regression.rows.dt
+        small = {name for name, one in late.items() if abs(one.value) < least}
+        if small:
+            right |= small
+            late = {name: one for name, one in late.items() if name not in small}
+            regression = _regression_of(_with_clocks(records, late))
+        chosen = regression.search(right)
     found = (one for one in regression.errors(chosen) if one.kind != "clock")
     return (*late.values(), *found), regression.unlikely_links(chosen)
+
+
+def _with_clocks(records: ArmRecords, late: Mapping[str, ModelError]) -> ArmRecords:
+    """The records with clocks put right."""
+    return replace(records, late=records.late | {name: one.value for name, one in late.items()})
 
 
 def undirected(records: ArmRecords) -> tuple[str, ...]:
@@ -441,7 +456,8 @@ def sliding_rows(
     y, number, regressor, force, behind = (
         np.concatenate([part[i] for part in parts]) for i in (0, 1, 3, 4, 5)
     )
-    return Rows(y, number, own, np.array(spreads), regressor, force, behind)
+    dt = next(iter(records.records.values())).dt
+    return Rows(y, number, own, np.array(spreads), regressor, force, behind, dt)
 
 
 def _halves_of_windows(at: Ints, direction: Ints, step: int) -> Ints:
@@ -607,8 +623,8 @@ class Regression:
         volume = float(np.linalg.slogdet(normal)[1] - np.log(precision[precision > 0.0]).sum())
         return 0.5 * (fit - volume)
 
-    def search(self) -> list[int]:
-        """Groups with evidence beside each other."""
+    def search(self, right: Collection[str] = ()) -> list[int]:
+        """Groups with evidence beside each other; `right`: joints whose clocks are right."""
         chosen: list[int] = []
         now = self.evidence(chosen)
         while len(chosen) < len(self.groups):
@@ -616,6 +632,7 @@ class Regression:
             rest = [
                 i for i, group in enumerate(self.groups)
                 if i not in chosen and not (group.kind == "mass" and "masses" in kinds)
+                and not (group.kind == "clock" and group.of in right)
             ]  # fmt: skip
             gains = [self._gain([*chosen, i], now) for i in rest]
             best = int(np.argmax(gains))
@@ -649,10 +666,15 @@ class Regression:
         return found, change
 
     def _gain(self, some: Sequence[int], before: float) -> float:
-        """Gain of evidence by the last of some groups; none by a payload that is no mass."""
+        """Gain of evidence by the last of some groups; none by one too small to be an error."""
         last = some[-1]
-        if self.groups[last].kind == "payload" and self.solve_groups(some)[last].mean[0] <= 0.0:
+        kind = self.groups[last].kind
+        if kind == "payload" and self.solve_groups(some)[last].mean[0] <= 0.0:
             return -math.inf
+        if kind == "clock":
+            late = abs(float(self.solve_groups(some)[last].mean[0]))
+            if late < _LEAST_LATE * self.rows.dt:
+                return -math.inf
         return self.evidence(some) - before
 
     def solve_groups(self, chosen: Sequence[int]) -> dict[int, Solved]:

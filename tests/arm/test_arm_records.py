@@ -143,6 +143,15 @@ def test_a_joint_whose_clock_is_behind_is_named_and_its_coupling_put_right(log):
     assert right.late == {"lift": found.value} and right.model_errors() == ()
 
 
+def test_a_clock_that_is_behind_by_a_tenth_of_a_sample_is_right(log):
+    before = log["time"] - 1e-3
+    late = {
+        k: np.interp(before, log["time"], v) if k.startswith("lift.") else v for k, v in log.items()
+    }
+    records = dfc.arm_records(MODEL, late, payload={"hand": (PAYLOAD, PLACE)})
+    assert "clock" not in [one.kind for one in records.model_errors()]
+
+
 def test_a_drive_logged_at_another_scale_is_named_and_put_right(log):
     weak = log | {"lift.effort": 0.5 * log["lift.effort"]}
     records = dfc.arm_records(MODEL, weak, payload={"hand": (PAYLOAD, PLACE)})

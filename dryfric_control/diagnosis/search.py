@@ -608,7 +608,8 @@ class Search:
             alone = self._strong_evidence(now)
             for name in now.causes if free_runs else ():
                 effect = effect_class(name)
-                if worth[name] < alone or effect.action in _OTHER_STATES:
+                filtered = effect.action in _OTHER_STATES and not self.problem.is_imposed
+                if worth[name] < alone or filtered:
                     keeps = self._is_visible(less[name].fit, now.fit)
                 else:
                     keeps = not (effect.remembers and self._is_harmful(less[name].fit, now.fit))

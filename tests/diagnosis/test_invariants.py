@@ -249,7 +249,7 @@ def test_a_memory_that_free_runs_do_not_show_is_no_cause(monkeypatch, name, fall
     """A coarse record with a Stribeck peak: likelier by 333 with a compliance, and 20 times off."""
     monkeypatch.setattr(search_module, "in_free_runs", lambda problem, less, more: (fall, 0.01))
     monkeypatch.setattr(search_module, "nominal_error_costs", lambda fit: np.zeros(1))
-    search = search_module.Search(problem=None)
+    search = search_module.Search(problem=SimpleNamespace(is_imposed=False))
     search.weigh_causes = search._remove_implausible = lambda model: model
     bare = search_module.Model(SimpleNamespace())
     worth = {name: 333.0}

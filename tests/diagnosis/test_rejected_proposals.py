@@ -49,6 +49,7 @@ def test_a_sine_at_a_far_larger_line_of_the_drive_may_be_of_any_law_of_the_motio
     assert sine.told_from_drive(1.5 * drive, 2e-3)  # as large as a loop answers it
     assert sine.told_from_drive(50.0 * np.sin(2.0 * np.pi * 3.0 * t), 2e-3)
     assert sine.told_from_drive(np.zeros(5000), 2e-3)
+    assert sine.told_from_drive(5.0 * drive[:2000], 2e-3)  # 8 periods: a line of 1 Hz
 
 
 def test_two_of_a_kind_without_a_beat_in_the_record_are_one():

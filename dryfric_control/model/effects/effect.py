@@ -641,7 +641,7 @@ class Effect:
         return True
 
     def told_from_drive(self, u: Floats, dt: float) -> bool:
-        """Whether no law of the motion would have its force, too, as far as the drive tells.
+        """Whether the drive tells its force from that of any law.
 
         Parameters
         ----------

@@ -26,6 +26,8 @@ _ARC = 0.5
 _BEYOND = 0.05
 # Largest line of a drive by which a loop answers a disturbance, over that.
 _LARGEST_ANSWER = 2.0
+# Periods in a record below which a line of the drive is too wide to be told from others.
+_SHARP = 10.0
 _DEPTHS = tuple(np.geomspace(0.003, 0.3, 12))
 
 
@@ -484,6 +486,8 @@ class TimePeriodic(Effect):
     def told_from_drive(self, u: Floats, dt: float) -> bool:
         # A loop answers a disturbance by about as large a force: a far larger line of the drive is
         # of the reference, and any law of the motion has a force of its frequency.
+        if self.frequency * dt * u.size < _SHARP:
+            return True
         window = np.hanning(u.size)
         turn = np.exp(-2j * np.pi * self.frequency * dt * np.arange(u.size))
         line = 2.0 * abs(window @ (u * turn)) / max(float(window.sum()), 1e-300)

@@ -10,6 +10,7 @@ from dryfric_control.diagnosis import looks
 from dryfric_control.diagnosis.gram import Proposal
 from dryfric_control.diagnosis.invariants import _is_like_another
 from dryfric_control.diagnosis.problem import Problem
+from dryfric_control.diagnosis.search import _first_effects
 from dryfric_control.estimation.likelihood import prepare
 
 AXIS = dfc.FrictionAxis(mass=1.0, viscous=2.0, coulomb=3.0)
@@ -72,3 +73,15 @@ def test_a_gap_far_below_what_its_ends_give_way_by_is_no_play():
     ends = dfc.effects.Backlash(1e-4, 0.5, compliance=1e-4, damping=1.0)  # 0.3 mm under 3 N
     assert ends.plausible(AXIS) and PLAY.plausible(AXIS)
     assert not replace(ends, gap=1e-5).plausible(AXIS)
+
+
+def test_all_forms_of_the_first_effects_are_proposed():
+    def start(*names, cost):
+        return Proposal(names, AXIS, (), cost, 0.0)
+
+    some = [
+        start("presliding", cost=-9.0), start("presliding", cost=-8.0),
+        start("presliding", "spring", cost=-7.0), start("spring", cost=-6.0),
+        start("presliding", cost=5.0),
+    ]  # fmt: skip
+    assert _first_effects(some, 2) == [*some[:3], some[4]]

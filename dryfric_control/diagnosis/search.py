@@ -606,19 +606,21 @@ class Search:
             worst = min(worth, key=worth.__getitem__)
             lost = [worst] if worth[worst] <= 0.0 else []
             alone = self._strong_evidence(now)
-            for name in now.causes if free_runs else ():
-                effect = effect_class(name)
-                filtered = effect.action in _OTHER_STATES and not self.problem.is_imposed
-                if worth[name] < alone or filtered:
-                    keeps = self._is_visible(less[name].fit, now.fit)
-                else:
-                    keeps = not (effect.remembers and self._is_harmful(less[name].fit, now.fit))
-                if not keeps:
-                    lost.append(name)
+            if free_runs:
+                lost += [name for name in now.causes if not self._is_kept(now, name, alone)]
             if not lost:
                 return now
             now = self._remove_implausible(less[lost[0]])
         return now
+
+    def _is_kept(self, now: Model, name: str, alone: float) -> bool:
+        """Whether free runs leave a cause in a model; `alone`: evidence that needs none."""
+        effect = effect_class(name)
+        less = now.less[name].fit
+        filtered = effect.action in _OTHER_STATES and not self.problem.is_imposed
+        if now.worth[name] < alone or filtered:
+            return self._is_visible(less, now.fit)
+        return not (effect.remembers and self._is_harmful(less, now.fit))
 
     @staticmethod
     def _strong_evidence(now: Model) -> float:

@@ -604,13 +604,13 @@ class Search:
             worth = now.worth
             less = now.less
             worst = min(worth, key=worth.__getitem__)
-            lost = [worst] if worth[worst] <= 0.0 else []
-            alone = self._strong_evidence(now)
-            if free_runs:
-                lost += [name for name in now.causes if not self._is_kept(now, name, alone)]
-            if not lost:
+            lost = worst if worth[worst] <= 0.0 else None
+            if free_runs and lost is None:
+                alone = self._strong_evidence(now)
+                lost = next((n for n in now.causes if not self._is_kept(now, n, alone)), None)
+            if lost is None:
                 return now
-            now = self._remove_implausible(less[lost[0]])
+            now = self._remove_implausible(less[lost])
         return now
 
     def _is_kept(self, now: Model, name: str, alone: float) -> bool:

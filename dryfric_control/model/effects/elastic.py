@@ -41,10 +41,11 @@ def _on_motor() -> Any:
     )  # fmt: skip
 
 
-# Periods in the longest record of the slowest load that swings, number of those that are tried, and
-# the largest share of the mass that one has.
+# Periods that the longest record holds of the slowest load that swings.
 _SLOWEST_PERIODS = 2.0
+# Number of frequencies at which one is tried.
 _SWINGS = 16
+# Largest share of the mass that it has.
 _LARGEST_SHARE = 0.95
 # Resonances that are tried, times the sampling time [rad]: up to half of what samples can show.
 _TURNS = np.geomspace(0.02, 1.6, 18)

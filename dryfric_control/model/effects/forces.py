@@ -24,11 +24,11 @@ _ARC = 0.5
 # Depths to which an axis runs into its stops, and how far beyond its travel one is that it does
 # not reach, over the travel in the record.
 _BEYOND = 0.05
+_DEPTHS = tuple(np.geomspace(0.003, 0.3, 12))
 # Largest line of a drive by which a loop answers a disturbance, over that.
 _LARGEST_ANSWER = 2.0
 # Periods in a record below which a line of the drive is too wide to be told from others.
 _SHARP = 10.0
-_DEPTHS = tuple(np.geomspace(0.003, 0.3, 12))
 
 
 @register_effect

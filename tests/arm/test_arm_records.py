@@ -12,7 +12,8 @@ import dryfric_control as dfc
 mujoco = pytest.importorskip("mujoco")
 
 
-from dryfric_control.arm.model_errors import _halves_of_windows, load_errors  # noqa: E402
+from dryfric_control.arm.error_regression import _halves_of_windows  # noqa: E402
+from dryfric_control.arm.model_errors import load_errors  # noqa: E402
 
 DATA = Path(__file__).parents[2] / "docs" / "data"
 MODEL, LOG = DATA / "six_joints.xml", DATA / "six_joints.csv"

@@ -10,7 +10,7 @@ import dryfric_control as dfc
 
 mujoco = pytest.importorskip("mujoco")
 
-from dryfric_control.arm.model_errors import Compact  # noqa: E402
+from dryfric_control.arm.error_regression import Compact  # noqa: E402
 from dryfric_control.arm.rigid_model import Motion, RigidArm  # noqa: E402
 
 RNG = np.random.default_rng(0)

@@ -299,7 +299,7 @@ class Gram:
             try:
                 if name in present:
                     view = cast(View, self.here)
-                    found[name] = [
+                    found[name] = [*present[name].changes(view)] or [
                         *_changed_effects(name, present[name], self.base, view),
                         *_other_amounts(name, present[name], view),
                     ]

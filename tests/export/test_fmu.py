@@ -139,6 +139,7 @@ BUILT_IN = {
     "backlash": {"load_fraction", "friction_on_motor", "compliance", "damping"},
     "load_encoder_backlash": {"load_fraction", "friction_on_motor"},
     "compliance": {"load_fraction", "friction_on_motor"}, "load_dependence": {"of_drive"},
+    "load_asymmetry": {"of_drive"},
 }  # fmt: skip
 
 

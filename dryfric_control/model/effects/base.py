@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
-from dryfric_control.model.effects.columns import Column, View, peaks
+import numpy as np
+
+from dryfric_control.model.effects.columns import PARTS, Column, View, peak_at, peaks
 from dryfric_control.model.effects.effect import BaseAxis, Effect, parameter, register_effect
 from dryfric_control.model.friction import MOST_EXCESS, Stribeck
+
+# Logarithm of the ratio of velocities from which two peaks differ in more than their size.
+_OTHER_SPEED = 0.3
 
 
 class Factor(Effect):
@@ -171,3 +177,30 @@ class StribeckPeak(Effect):
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         yield from peaks(view, "excess", -view.direction * view.level, positive=True)
+
+    def changes(self, view: View) -> Iterator[Column]:
+        # More or less of this peak, and beside it one of another velocity.
+        level = -view.direction * view.level
+        own = peak_at(view, level, self.speed)
+        yield Column(functools.partial(self._joined, self.speed), (own,))
+        for speed in (part * view.fast for part in PARTS):
+            if abs(math.log(speed / self.speed)) > _OTHER_SPEED:
+                forces = (own, peak_at(view, level, speed))
+                yield Column(functools.partial(self._joined, speed), forces)
+
+    def _joined(self, speed: float, change: Sequence[float]) -> dict[str, float]:
+        """Values of one peak for more of this one, and another one of some velocity.
+
+        Parameters
+        ----------
+        speed : float
+            Velocity of the other one.
+        change : sequence of float
+            Change of the excess of this one, and excess of the other one if there is one.
+        """
+        parts = np.maximum([self.excess + change[0], *change[1:]], 0.0)
+        excess = float(parts.sum())
+        if excess == 0.0:
+            return {"excess": 0.0, "speed": self.speed}
+        middle = float(parts @ np.log([self.speed, speed][: parts.size])) / excess
+        return {"excess": excess, "speed": math.exp(middle)}

@@ -109,8 +109,12 @@ def peaks(view: View, name: str, force: Floats, positive: bool = False) -> Itera
     """A force that fades over velocity as a Stribeck peak, over parts of the usual speed."""
     for part in PARTS:
         speed = part * view.fast
-        peak = np.exp(-np.minimum((view.v / speed) ** 2, 40.0))
-        yield proportional_column(name, force * peak, positive, speed=speed)
+        yield proportional_column(name, peak_at(view, force, speed), positive, speed=speed)
+
+
+def peak_at(view: View, force: Floats, speed: float) -> Floats:
+    """A force that fades over velocity as a Stribeck peak."""
+    return np.asarray(force * np.exp(-np.minimum((view.v / speed) ** 2, 40.0)))
 
 
 def delayed_columns(

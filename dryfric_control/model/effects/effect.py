@@ -588,6 +588,18 @@ class Effect:
         """
         yield from by_law(cls, view)
 
+    def changes(self, view: View) -> Iterator[Column]:
+        """What a change of it adds to a model that has it, in columns.
+
+        None by default: a diagnosis then changes its parameters one by one.
+
+        Parameters
+        ----------
+        view : View
+            The states of the model in the records.
+        """
+        yield from ()
+
     def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
         """The same effect under other laws, none by default.
 

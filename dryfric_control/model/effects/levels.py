@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dryfric_control.arrays import Floats
 from dryfric_control.model.effects.columns import (
     PARTS,
     Column,
@@ -152,8 +153,49 @@ class PositionDependence(Effect):
         yield Column(values, (level * q, level * q**2))
 
 
+class LoadFriction(Effect):
+    """Friction under the force that a transmission carries, or under the drive alone."""
+
+    coefficient: float
+    of_drive: float
+
+    action = "friction"
+    within_peak = False
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(load=abs(self.coefficient))
+
+    @property
+    def by_drive(self) -> bool:
+        """Whether its load is the drive alone."""
+        return self.of_drive >= 0.5
+
+    def meaning(self, units: tuple[str, str]) -> str:
+        return "it grows with the drive alone, as the loss of a gear" if self.by_drive else ""
+
+    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
+        return (replace(self, **{"of_drive": 1.0 - round(self.of_drive)}),)
+
+    @classmethod
+    def of_loads(cls, view: View, sign: Floats, positive: bool) -> Iterator[Column]:
+        """Columns under the load of the transmission, and under the drive.
+
+        Parameters
+        ----------
+        view : View
+        sign : ndarray
+            Sign of the force for a positive coefficient, shape (n,).
+        positive : bool
+            Whether the coefficient must be.
+        """
+        for load, of_drive in ((view.carried, 0.0), (view.drive, 1.0)):
+            force = sign * np.abs(load)
+            one = proportional_column("coefficient", force, positive, of_drive=of_drive)
+            yield one._replace(most=_NEARLY_ALL)
+
+
 @register_effect
-class LoadDependence(Effect):
+class LoadDependence(LoadFriction):
     r"""Friction that grows with the transmitted force.
 
     Notes
@@ -184,25 +226,9 @@ class LoadDependence(Effect):
     )  # fmt: skip
 
     title = "load-dependent friction"
-    action = "friction"
-    within_peak = False
     rank = 10
     explanation = "The force transmitted by a gear or screw presses its teeth together: friction."
     experiment = "Repeat a motion with different loads, also braking: friction follows the load."
-
-    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
-        return Slopes(load=self.coefficient)
-
-    @property
-    def by_drive(self) -> bool:
-        """Whether its load is the drive alone."""
-        return self.of_drive >= 0.5
-
-    def meaning(self, units: tuple[str, str]) -> str:
-        return "it grows with the drive alone, as the loss of a gear" if self.by_drive else ""
-
-    def forms(self, axis: BaseAxis) -> tuple[Effect, ...]:
-        return (replace(self, of_drive=1.0 - round(self.of_drive)),)
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -213,10 +239,7 @@ class LoadDependence(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        for load, of_drive in ((view.carried, 0.0), (view.drive, 1.0)):
-            force = -view.direction * np.abs(load)
-            one = proportional_column("coefficient", force, positive=True, of_drive=of_drive)
-            yield one._replace(most=_NEARLY_ALL)
+        yield from cls.of_loads(view, -view.direction, positive=True)
 
 
 def equivalent_values(axis: BaseAxis, scale: float) -> dict[str, float]:
@@ -242,7 +265,7 @@ def equivalent_values(axis: BaseAxis, scale: float) -> dict[str, float]:
 
 
 @register_effect
-class LoadAsymmetry(Effect):
+class LoadAsymmetry(LoadFriction):
     r"""Load-dependent friction that differs between the directions.
 
     Notes
@@ -250,8 +273,8 @@ class LoadAsymmetry(Effect):
     .. math:: F_c \to F_c + s \cdot \text{coefficient} \cdot {|u - e|}, \quad s = \pm 1
         \text{ the direction}
 
-    with the drive u and the sum e of the force effects.  The Stribeck peak does not raise this
-    part, and no level falls below zero.
+    with the drive u and the sum e of the force effects, or with ``of_drive=1`` the drive alone.
+    The Stribeck peak does not raise this part, and no level falls below zero.
 
     Examples
     --------
@@ -267,20 +290,19 @@ class LoadAsymmetry(Effect):
     coefficient: float = parameter(
         "1", "half the difference of added friction over the load", bounds=(-1.0, 1.0), size=0.1
     )
+    of_drive: float = parameter(
+        "1", "from 0.5 on the load is the drive alone, as of a gear that a motor turns",
+        bounds=(0.0, 1.0), kind="share", default=0.0, free=False,
+    )  # fmt: skip
 
     title = "load-dependent friction by direction"
-    action = "friction"
     depends_on_direction = True
-    within_peak = False
     rank = 17
     explanation = (
         "The force transmitted by a worm or a screw presses one flank more than the other: "
         "friction depends on the load more in one direction."
     )
     experiment = "Repeat a motion both ways under other loads: friction over load has two slopes."
-
-    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
-        return Slopes(load=abs(self.coefficient))
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
@@ -291,8 +313,7 @@ class LoadAsymmetry(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        force = -np.abs(view.direction * view.carried)
-        yield proportional_column("coefficient", force)._replace(most=_NEARLY_ALL)
+        yield from cls.of_loads(view, -np.abs(view.direction), positive=False)
 
 
 @register_effect
@@ -390,7 +411,7 @@ class VelocityStrengthening(Effect):
     """
 
     deficit: float = parameter(
-        "1", "share of the axis' own Coulomb level missing at rest", bounds=(0.0, 0.95)
+        "1", "share of the axis' own Coulomb level missing at rest", bounds=(0.0, 1.0)
     )
     speed: float = parameter(
         "m/s",

@@ -22,6 +22,7 @@ from dryfric_control.diagnosis.causes import (
     changing_cause,
     equivalent_axis,
     hardly_determined,
+    own_values_differ,
     varying_parameters,
 )
 from dryfric_control.diagnosis.criterion import cost_of, evidence
@@ -50,7 +51,7 @@ from dryfric_control.diagnosis.thresholds import (
     REMAINING_GAIN_RATIO,
 )
 from dryfric_control.diagnosis.verdict import Judged, judge_fit, shows
-from dryfric_control.estimation.likelihood import LOAD_ERROR, prepare
+from dryfric_control.estimation.likelihood import BASE, LOAD_ERROR, prepare
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge
 from dryfric_control.estimation.plausibility import (
     check_plausible,
@@ -66,7 +67,7 @@ from dryfric_control.model.effects.forces import TimePeriodic
 from dryfric_control.model.effects.naming import title_of
 from dryfric_control.progress import ProgressLine
 from dryfric_control.records.bad_readings import REASONS
-from dryfric_control.records.motion import is_undriven
+from dryfric_control.records.motion import directions, is_undriven
 from dryfric_control.records.read import RecordLike
 from dryfric_control.records.record import Record, counts_text
 from dryfric_control.records.record_arguments import HOW_TO_GIVE, axis_first
@@ -286,6 +287,8 @@ def _search_and_judge(
     """Search for causes, judge what they explain, and describe them."""
     tell("base parameters")
     search, model, interrupted = _search(problem, tell)
+    if not interrupted:
+        search, model, interrupted = _beside_own_values(search, model, tell)
     message = [LATE] if search.problem.is_overdue else []
     if interrupted:
         message = [_INTERRUPTED]
@@ -602,6 +605,38 @@ def _force_first(
     return (search, model) if problem.clear_of_line(model.fit) else None
 
 
+def _beside_own_values(
+    search: Search, model: Model, tell: Callable[..., None]
+) -> tuple[Search, Model, bool]:
+    """The search continued beside base parameters that differ between records, where some do.
+
+    Such as the mass under another load: what is common to all records is bent by it.  What does not
+    differ any more beside the causes found is common again.
+    """
+    problem = search.problem
+    found = search, model
+    try:
+        if len(problem.runs) < 2 or problem.is_imposed or problem.is_overdue:
+            return *found, False
+        varies, apart = varying_parameters(problem, model.fit)
+        own = tuple(name for name in varies if name in BASE)
+        if not own:
+            return *found, False
+        other = replace(problem, own=(*problem.own, *own))
+        each = each_of(apart)
+        fit = other.fit(apart.axis, problem.free_of(model.fit), noises_of(apart), each=each)
+        beside = Search(other, tell, search.not_tried, now=Model(fit, model.causes))
+        end = beside.run(beside.eliminate_causes(beside.now))
+        found = beside, end
+        common = problem.fit(end.fit.axis, problem.free_of(end.fit), noises_of(end.fit))
+        if not own_values_differ(problem, common, end.fit):
+            same = Search(problem, tell, search.not_tried, now=Model(common, end.causes))
+            found = same, same.run(same.eliminate_causes(same.now))
+    except KeyboardInterrupt:
+        return *found, True
+    return *found, False
+
+
 def _by_force(search: Search, begun: Solution, builds_up: bool) -> tuple[Search, Model] | None:
     """The search continued from what the force of the motion shows, if that explains it.
 
@@ -756,7 +791,7 @@ def _cut(
 
 
 def _check_motion(windows: Sequence[Windows], several: bool) -> None:
-    enough = [one.moving.sum() > 1 for one in windows]
+    enough = [one.moving.sum() > 1 and bool(directions(one.record).any()) for one in windows]
     for i in range(len(windows)):
         if not enough[i] and not (several and any(enough)):
             name = f"record[{i}]" if several else "record"

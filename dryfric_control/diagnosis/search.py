@@ -732,7 +732,7 @@ class Search:
                 r.names[0]: r.fit
                 for r in rows
                 if len(r.names) == 1
-                and r.names[0] != name
+                and effect_class(r.names[0]) is not effect_class(name)
                 and not r.reason
                 and r.fit.cost < now.fit.cost + EQUAL_EVIDENCE
                 and len(r.free) <= count + 1

@@ -41,7 +41,7 @@ class ForceRun(Run):
         one = self.sliding
         inner = [effect.inner(axis) for effect in axis.effects]
         contact, bristles = max(((i.contact, i.bristles) for i in inner), default=(0.0, 0.0))
-        if contact == 0.0:
+        if contact == 0.0 or not one.direction.size:
             return one.force_residual(axis)
         # An elastic contact carries the part of the friction to which the motion since the last
         # reversal has strained it.

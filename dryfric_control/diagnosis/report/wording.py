@@ -315,9 +315,12 @@ def brief_lines(d: Findings) -> list[str]:
     of = f" (of {records_text(d)})" if d.others else ""
     lines = [f"verdict: {d.verdict if d.causes else verdict_line(d)}{of}"]
     lines += [f"warning: {one}" for one in far_off(d)][:_BRIEF_WARNINGS]
+    varied = [_variation_text(name, found) for name, found in d.varies.items()]
+    lines += varied[:1]
     shown = shown_causes(d)
-    lines += [f"{i}. {line_of(d, one)}" for i, one in enumerate(shown[:_BRIEF_CAUSES], start=1)]
-    more = max(0, len(shown) - _BRIEF_CAUSES) + len(d.small_corrections)
+    room = _BRIEF_CAUSES - len(varied[:1])
+    lines += [f"{i}. {line_of(d, one)}" for i, one in enumerate(shown[:room], start=1)]
+    more = max(0, len(shown) - room) + len(varied[1:]) + len(d.small_corrections)
     if more > 0:
         rest = "causes or small corrections" if more > 1 else "cause or small correction"
         lines.append(f"and {more} more {rest}")

@@ -13,14 +13,30 @@ import pytest
 # threads, and two threads that begin to import one package wait for one another.
 from dryfric_control.model.effects.effect import REGISTRY
 
+# Its functions are those of the modules, whose examples are run there.
+collect_ignore = ["dryfric_control/__init__.py"]
+
 SLOW_EXAMPLES = ("diagnose", "diagnose_batch", "identify_stribeck")
+# What takes more than ten seconds and has no function for a mark: examples, notebooks, pages.
+LONG = (
+    "identify_stribeck",
+    "02_block_diagram.ipynb",
+    "03_identify_friction.ipynb",
+    "06_your_own_effect.ipynb",
+    "07_compensate_friction.ipynb",
+    "test_code_of_the_pages_runs[docs/howto/add_effect.md]",
+)
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Notebooks and files with many slow tests first: workers, a file at a time, end together."""
     for item in items:
-        if item.path.suffix == ".ipynb" or item.name.rpartition(".")[2] in SLOW_EXAMPLES:
+        example = item.name.rpartition(".")[2]
+        if {item.name, item.path.name, example} & {*LONG}:
+            item.add_marker("long")
+        notebook = item.path.suffix == ".ipynb"
+        if notebook or example in SLOW_EXAMPLES or item.get_closest_marker("long"):
             item.add_marker("slow")
     slow = [item for item in items if item.get_closest_marker("slow")]
     count, place = Counter(item.path for item in slow), {}

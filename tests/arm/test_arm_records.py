@@ -195,7 +195,7 @@ def test_a_reading_that_was_meant_otherwise_is_named(log, changes, says):
         records.model_errors()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("one", "other"), [("wrist1", "wrist2")])
 def test_joints_that_are_exchanged_are_named(log, one, other):
     records = dfc.arm_records(MODEL, exchanged(log, one, other), payload={"hand": (PAYLOAD, PLACE)})

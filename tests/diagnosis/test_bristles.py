@@ -51,7 +51,7 @@ def contact_and_peak(found):
     assert found.extended.effective().stribeck == found.extended.stribeck
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_bristles_and_peak_are_found_and_nothing_else():
     record = swinging((0.1, 0.04, 0.02), (1.7, 4.1, 11.0), 7000)
     contact_and_peak(dfc.diagnose(AXIS, record, progress=False))
@@ -86,7 +86,7 @@ def slipping(reference, dt, steps):
     return y, u
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_contact_that_yields_part_by_part_is_no_play():
     t = 4e-3 * np.arange(2000)
     reference = 0.2 * np.sin(0.6 * t) + 0.08 * np.sin(2.3 * t) + 0.03 * np.sin(7.0 * t)

@@ -4,6 +4,7 @@ The records come from the bench of tests/truth, which shares no code with the pa
 lasts 6 s; `benchmarks/diagnosis.py` has more seeds and conditions.
 """
 
+import functools
 import json
 from contextlib import nullcontext
 
@@ -27,10 +28,15 @@ RIVALS = (
     "input_delay", "presliding",
 )  # fmt: skip
 FLAGGED = ("partly explained", "unexplained")
+# Those that take more than ten seconds.
+LONGEST = ("backlash", "compliance", "presliding")
+long = functools.partial(pytest.param, marks=pytest.mark.long)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slug", (*EFFECTS, *ADDED))
+@pytest.mark.parametrize(
+    "slug", [long(slug) if slug in LONGEST else slug for slug in (*EFFECTS, *ADDED)]
+)
 def test_a_hidden_effect_is_named(slug):
     case = make_case(slug, SEEDS.get(slug, 3), "short")
     with nullcontext() if slug in WHOLE else among(slug, *RIVALS):
@@ -61,7 +67,7 @@ def test_a_hidden_effect_is_named(slug):
     assert np.all(np.isfinite(run.y[:2]))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("slug", "seed"), [("compliance", 3), ("backlash", 4)])
 def test_two_masses_with_friction_on_the_motor_are_named(slug, seed):
     case = make_case(slug, seed, "short")
@@ -104,15 +110,15 @@ BESIDE_LOAD = ("compliance", "presliding", "bias_force", "actuator_lag", "input_
         ("dead_zone", 2, "10-bit", 20_000, ("dead_zone", "bias_force")),
         (("spring", "input_delay"), 0, "short", 6000, BESIDE_PAIR),
         # A load on a damper takes up what the drive does between the samples.
-        ("saturation", 91, "decimated", 5000, ("saturation", "compliance")),
+        long("saturation", 91, "decimated", 5000, ("saturation", "compliance")),
         # With much random force the base parameters take up what the shares of the masses do.
-        ("backlash", 92, "exact", 20_000, ("backlash", "compliance")),
+        long("backlash", 92, "exact", 20_000, ("backlash", "compliance")),
         # Its load swings too fast for a force that follows, and only a small random force shows it.
-        ("compliance", 93, "short", 6000, BESIDE_LOAD),
+        long("compliance", 93, "short", 6000, BESIDE_LOAD),
         # The likeliest play of a quieter pass is wider than any crossing.
-        ("backlash", 96, "exact", 14_000, ("backlash", "compliance")),
+        long("backlash", 96, "exact", 14_000, ("backlash", "compliance")),
         # Such plays are a plain, the right one is a ridge beside it.
-        ("backlash", 82, "exact", 20_000, ("backlash", "compliance")),
+        long("backlash", 82, "exact", 20_000, ("backlash", "compliance")),
     ],
 )
 def test_causes_are_named_beside_their_rivals(hidden, seed, condition, samples, candidates):
@@ -139,7 +145,7 @@ def test_a_clean_record_is_not_accused(seed):
     assert found.unexplained.fraction == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_cause_with_which_free_runs_err_more_is_none():
     # A play with much random force foresees the resting readings of a coarse encoder better.
     case = make_null(93, "coarse")
@@ -150,7 +156,7 @@ def test_a_cause_with_which_free_runs_err_more_is_none():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "seed"), [("impacts", 1), ("lost_steps", 3), ("wandering_friction", 1)]
+    ("kind", "seed"), [("impacts", 1), ("lost_steps", 3), long("wandering_friction", 1)]
 )
 def test_what_no_effect_explains_is_never_explained(kind, seed):
     case = make_outside(seed, "short", kind=kind)

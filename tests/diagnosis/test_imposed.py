@@ -62,7 +62,7 @@ def test_gravity_of_an_arm_that_a_tight_loop_turns() -> None:
     assert any("the motion is imposed" in message for message in d.messages)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_level_of_each_record_is_found_where_a_bench_makes_the_motion() -> None:
     # A straight line foresees such readings better than any axis: all would be muted.
     levels = (5.4, 7.3, 8.8)
@@ -119,7 +119,7 @@ def test_a_contact_that_no_steps_can_follow_ends():
     assert problem.tried(z).cost > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_soft_contact_is_found_where_a_bench_makes_the_motion() -> None:
     # Without it the force after a turn would pass for viscous friction or a falling level.
     with among("presliding", "stribeck_asymmetry", "warm_up", "spring", "backlash", "drift"):
@@ -142,7 +142,7 @@ def test_friction_that_builds_up_after_a_turn_is_not_taken_for_viscous() -> None
     assert any("nearly one velocity" in message for message in d.messages)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_level_that_grows_is_not_put_down_to_the_load() -> None:
     # The drive balances the friction, so that the friction follows its own load.
     records = []
@@ -158,7 +158,7 @@ def test_a_level_that_grows_is_not_put_down_to_the_load() -> None:
     assert d.varies["coulomb"]["values"] == pytest.approx((5.4, 8.8), rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_spring_beside_a_force_of_each_record_has_no_rest_of_its_own() -> None:
     walks = (walked(5.4, seed=0), 0.5), (walked(8.8, seed=1), -1.0)
     with among("bias_force", "spring", "presliding", "cogging"):

@@ -58,7 +58,7 @@ def answers_here() -> list[dict[str, Any]]:
     return json.loads(json.dumps(answers()))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_answers_do_not_depend_on_the_processor(setting):
     if not able(SETTINGS[setting]):

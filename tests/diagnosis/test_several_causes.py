@@ -66,7 +66,7 @@ def test_a_nominal_amount_that_is_predicted_beyond_its_bound_ends_nothing():
     assert found.causes[0].parameters["deficit"] == pytest.approx(true["deficit"], rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_causes_that_free_runs_show_only_beside_each_other_are_found():
     cases = make_machine(203)
     records = [record(case) for case in cases]

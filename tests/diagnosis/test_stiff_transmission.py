@@ -34,7 +34,10 @@ def two_masses(u, stiffness, damping):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turn", [0.6, 1.0, 1.6], ids="{} rad a sample".format)
+@pytest.mark.parametrize(
+    "turn", [*(pytest.param(one, marks=pytest.mark.long) for one in (0.6, 1.0)), 1.6],
+    ids="{} rad a sample".format,
+)  # fmt: skip
 def test_it_is_found_where_no_reversal_shows_it(turn):
     # With 0.6 it was "velocity strengthening" and a periodic force, with 1 "unexplained", with 1.6 an
     # elastic contact: no friction builds up after reversals, it shows as a random force alone.

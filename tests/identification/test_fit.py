@@ -170,7 +170,7 @@ def test_a_late_input_is_found_beside_a_random_force():
     assert error < 1e-4
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_cover_with_the_peak_free():
     # `benchmarks/identification.py stribeck` prints the table.
     names = ("mass", "viscous", "coulomb", "stribeck.excess", "stribeck.speed")

@@ -115,7 +115,7 @@ def test_degree_follows_the_data():
     assert identify_coulomb(record, degree=4, axis=AXIS).degrees == (4, 4)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_cover_the_truth():
     # `benchmarks/identification.py coverage` prints the table of 200 repeats.
     names, repeats = ("mass", "viscous", "coulomb"), 16
@@ -142,7 +142,7 @@ def test_intervals_cover_the_truth():
     assert 0.6 < np.sqrt(np.mean(np.square(errors))) < 1.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_stribeck_and_levels_from_ripple():
     # The crawl, over a third of the travel, runs inside the peak, so the levels of
     # `identify_coulomb` are too high: the fit of the slips puts that right.

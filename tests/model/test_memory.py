@@ -191,7 +191,7 @@ def test_observers_leave_it_out_and_certificates_do_not_cover_it():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("coulomb", [4.0, 0.0])
+@pytest.mark.parametrize("coulomb", [4.0, pytest.param(0.0, marks=pytest.mark.long)])
 def test_it_is_fitted_to_a_record_that_begins_within_the_motion(coulomb):
     # The record does not hold what the springs were strained at its start.
     slide = AXIS.replace(coulomb=coulomb, stick_speed=1e-4, effects=(SLIP,))

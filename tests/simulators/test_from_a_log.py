@@ -9,7 +9,7 @@ from truth.plant import NSTATES, Plant, X, open_loop
 import dryfric_control as dfc
 from dryfric_control.__main__ import main
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 DT, N = 0.01, 2000
 T = DT * np.arange(N)

@@ -240,7 +240,7 @@ def process_of(case):
     return os.getpid()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_same_call_on_a_dask_cluster(design, plain, tmp_path):
     distributed = pytest.importorskip("distributed", reason="dask[distributed] is not installed")
     store = tmp_path / "runs.jsonl"

@@ -49,6 +49,15 @@ def test_a_record_without_motion_is_refused():
         dfc.diagnose(AXIS, still)
 
 
+def test_a_record_below_breakaway_is_refused_whatever_the_noise_of_its_readings():
+    # The noise moves readings from window to window, but no sample slides.
+    t = 1e-3 * np.arange(6000)
+    noise = 2e-6 * np.random.default_rng(0).standard_normal(t.size)
+    held = dfc.Record(t, 0.9 * AXIS.coulomb.mean * np.sin(t), 0.1 + noise)
+    with pytest.raises(ValueError, match="hardly moves"):
+        dfc.diagnose(AXIS, held)
+
+
 def test_friction_is_diagnosed_from_a_coast_down_for_the_mass_that_is_known():
     machine = AXIS.replace(viscous=20.0, coulomb=6.0)
     x = 1e-6 * np.round(1e6 * machine.simulate(np.zeros(3000), dt=1e-3, v0=4.0).y[0])

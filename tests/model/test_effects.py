@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import FrozenInstanceError, fields, make_dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -303,3 +304,24 @@ def test_a_lag_far_shorter_than_a_sample_is_none():
     for time_constant in (1e-14, 1e-11, 1e-9):
         late = axis.replace(effects=(dfc.effects.ActuatorLag(time_constant),))
         np.testing.assert_allclose(late.simulate(u, dt=2e-3).y[0], plain[0], rtol=0, atol=1e-8)
+
+
+def test_a_nominal_peak_has_columns_of_its_size_and_of_peaks_at_other_velocities():
+    v = np.linspace(-0.5, 0.5, 401)
+    view = SimpleNamespace(v=v, direction=np.sign(v), level=np.full(v.size, 8.0), fast=0.5)
+    peak = dfc.effects.StribeckPeak(excess=0.3, speed=0.02)
+    size, *others = peak.changes(view)
+    assert size.values((0.1,)) == pytest.approx({"excess": 0.4, "speed": 0.02})
+    expected = -8.0 * np.sign(v) * np.exp(-((v / 0.02) ** 2))
+    np.testing.assert_allclose(size.force[0], expected, atol=1e-12)
+    speeds = [one.values((-0.3, 0.5))["speed"] for one in others]
+    assert min(speeds) < 0.01 < 0.1 < max(speeds)
+    for one, speed in zip(others, speeds, strict=True):
+        # The nominal peak gone, the other one is there.
+        assert one.values((-0.3, 0.5)) == pytest.approx({"excess": 0.5, "speed": speed})
+        expected = -8.0 * np.sign(v) * np.exp(-((v / speed) ** 2))
+        np.testing.assert_allclose(one.force[1], expected, atol=1e-12)
+        # Both together are one peak between them, and none is below nothing.
+        both = one.values((0.0, 0.3))
+        assert both == pytest.approx({"excess": 0.6, "speed": np.sqrt(0.02 * speed)})
+        assert one.values((-0.4, -0.1))["excess"] == 0.0

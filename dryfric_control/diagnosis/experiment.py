@@ -327,7 +327,8 @@ def _change_of_bench(
     nor = f", nor does {' or '.join(changes)}" if changes else ""
     why = (
         f"No motion within these limits separates {titles_of(names[0])} from "
-        f"{', '.join(map(titles_of, names[1:]))}{nor}: they predict the same record."
+        f"{', '.join(map(titles_of, names[1:]))}{nor}: what they predict differs by less than the "
+        "encoder shows."
         if tried
         else "No experiment of the set keeps the limits of travel, drive and speed: widen them."
     )

@@ -577,6 +577,18 @@ def test_small_corrections_stand_apart_everywhere(uneven, found):
     assert uneven.to_dict()["causes"][3]["believed"] == {"excess": 0.2, "speed": 0.01}
 
 
+def test_the_first_lines_name_every_cause_and_what_differs_between_records(uneven):
+    lines = str(uneven).splitlines()
+    more = "and 3 more: Coulomb level error (-10 %), Stribeck peak (+0.5 %), inertia error (+2 %)"
+    assert more in lines and len(lines) <= 12
+    values = {"values": [3.0, 5.5], "standard_errors": [0.01, 0.01]}
+    varied = replace(uneven, varies={"mass": values, "coulomb": values}, others=(uneven.record,))
+    lines = str(varied).splitlines()
+    assert lines[1].startswith("differs from record to record: mass = 3.000 +- 0.010, 5.500")
+    assert any(line.startswith("and 5 more: viscous asymmetry, Coulomb level") for line in lines)
+    assert "coulomb by record" in " ".join(map(str.strip, lines))
+
+
 def test_which_way_is_harder_is_told_in_newtons(uneven):
     x = np.array(uneven.to_dict()["coulomb_level"]["x"])
     shape = 1.0 + 1.5 * (x - 0.15) + 3.0 * (x - 0.15) ** 2

@@ -318,6 +318,18 @@ def parameter_texts(cause: Cause, axis: FrictionAxis | None = None) -> list[str]
     return texts
 
 
+def short_cause_text(cause: Cause, axis: FrictionAxis) -> str:
+    """Title of a cause, and how far it takes a nominal value."""
+    nominal = believed_values(axis, cause)
+    changes = (
+        change_text(kind_of(cause.effect, name), nominal[name], value, cause.units[name])
+        for name, value in cause.parameters.items()
+        if name in nominal
+    )
+    change = next(filter(None, changes), "")
+    return cause.title + (f" ({change})" if change else "")
+
+
 def cause_text(cause: Cause, axis: FrictionAxis | None = None) -> str:
     """Cause, parameters and alternatives in one line."""
     name = cause.title if cause.title == cause.effect else f"{cause.title} ({cause.effect})"

@@ -16,6 +16,7 @@ from dryfric_control.diagnosis.report.findings import (
     Cause,
     Findings,
     cause_text,
+    short_cause_text,
     with_error,
 )
 from dryfric_control.estimation.likelihood import BASE
@@ -320,10 +321,12 @@ def brief_lines(d: Findings) -> list[str]:
     shown = shown_causes(d)
     room = _BRIEF_CAUSES - len(varied[:1])
     lines += [f"{i}. {line_of(d, one)}" for i, one in enumerate(shown[:room], start=1)]
-    more = max(0, len(shown) - room) + len(varied[1:]) + len(d.small_corrections)
-    if more > 0:
-        rest = "causes or small corrections" if more > 1 else "cause or small correction"
-        lines.append(f"and {more} more {rest}")
+    more = [
+        *(short_cause_text(one, d.axis) for one in (*shown[room:], *d.small_corrections)),
+        *(f"{name} by record" for name in [*d.varies][1:]),
+    ]
+    if more:
+        lines.append(f"and {len(more)} more: {', '.join(more)}")
     lines.append(f"{gain_title(d)}: {gain_text(d)}")
     if d.is_muted:
         lines.append(d.random_force)

@@ -261,14 +261,17 @@ def _size(search: Search, name: str) -> float:
 
 
 def varying_parameters(
-    problem: Problem, final: Solution
+    problem: Problem, final: Solution, also: Sequence[str]
 ) -> tuple[dict[str, dict[str, list[float]]], Solution]:
-    """Parameters that differ between records, with standard errors, and the fit with them."""
+    """Parameters that differ between records, with standard errors, and the fit with them.
+
+    Of the base, and of what may differ `also`.
+    """
     count = len(problem.runs)
     now = final
     own = problem.own
     while count > 1 and not problem.is_overdue:
-        best = _next_varying(replace(problem, own=own), final, now)
+        best = _next_varying(replace(problem, own=own), final, now, also)
         if best is None:
             break
         own = (*own, best[0])
@@ -293,9 +296,11 @@ def own_values_differ(problem: Problem, common: Solution, apart: Solution) -> bo
     return evidence(common, apart, [penalty]) > 0.0
 
 
-def _next_varying(problem: Problem, final: Solution, now: Solution) -> tuple[str, Solution] | None:
+def _next_varying(
+    problem: Problem, final: Solution, now: Solution, also: Sequence[str]
+) -> tuple[str, Solution] | None:
     """Parameter that differs most between records beside those that do in `now`, and its fit."""
-    names = [n for n in (*BASE, *problem.free_of(final)) if n not in problem.known]
+    names = [n for n in (*BASE, *also) if n not in problem.known]
     penalty = _own_value_penalty(problem)
     most = 0.0
     best: tuple[str, Solution] | None = None

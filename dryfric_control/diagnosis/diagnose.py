@@ -51,7 +51,7 @@ from dryfric_control.diagnosis.thresholds import (
     REMAINING_GAIN_RATIO,
 )
 from dryfric_control.diagnosis.verdict import Judged, judge_fit, shows
-from dryfric_control.estimation.likelihood import BASE, LOAD_ERROR, prepare
+from dryfric_control.estimation.likelihood import LOAD_ERROR, prepare
 from dryfric_control.estimation.parameters import SHIFT, checked_knowledge
 from dryfric_control.estimation.plausibility import (
     check_plausible,
@@ -473,7 +473,7 @@ class _Answer:
         if len(self.records) < 2:
             return
         self.tell("differences between the records", self.model.causes)
-        self.varies, apart = varying_parameters(self.problem, final)
+        self.varies, apart = varying_parameters(self.problem, final, self.problem.free_of(final))
         if self.varies:
             self.law = apart
             self._judge_fit(apart)
@@ -618,11 +618,10 @@ def _beside_own_values(
     try:
         if len(problem.runs) < 2 or problem.is_imposed or problem.is_overdue:
             return *found, False
-        varies, apart = varying_parameters(problem, model.fit)
-        own = tuple(name for name in varies if name in BASE)
-        if not own:
+        varies, apart = varying_parameters(problem, model.fit, ())
+        if not varies:
             return *found, False
-        other = replace(problem, own=(*problem.own, *own))
+        other = replace(problem, own=(*problem.own, *varies))
         each = each_of(apart)
         fit = other.fit(apart.axis, problem.free_of(model.fit), noises_of(apart), each=each)
         beside = Search(other, tell, search.not_tried, now=Model(fit, model.causes))

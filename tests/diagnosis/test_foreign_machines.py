@@ -144,6 +144,7 @@ def test_a_nominal_peak_is_no_more_certain_than_the_rest():
     assert found.extended.stribeck.speed == pytest.approx(0.012, rel=0.03)
 
 
+@pytest.mark.long
 def test_a_force_is_found_in_records_under_two_loads():
     dt = 2e-3
     t = dt * np.arange(3000)

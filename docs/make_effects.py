@@ -102,6 +102,7 @@ CASES: dict[str, tuple[effects.Effect, View | None]] = {
         (effects.EndStop(low=-0.09, high=0.09, stiffness=400.0, damping=4.0), POSITION),
         (effects.EccentricEncoder(amplitude=8e-4, period=0.06), POSITION),
         (effects.WarmUp(rise=0.6, time_constant=6.0), TIME),
+        (effects.ViscousWarmUp(rise=15.0, time_constant=6.0), TIME),
         (effects.Drift(rate=0.02), TIME),
         (effects.TimePeriodic(amplitude=3.0, frequency=1.5), ZOOM),
         (effects.Inertia(factor=1.4), ACCELERATION),

@@ -37,6 +37,7 @@ def slide(u, extra, level=COULOMB, v0=0.5):
 FORCES = [
     (fx.BiasForce(1.5), lambda t, x, v: 1.5),
     (fx.ViscousAsymmetry(0.7), lambda t, x, v: -0.7 * abs(v)),
+    (fx.ViscousWarmUp(4.0, 0.05), lambda t, x, v: -4.0 * math.exp(-t / 0.05) * v),
     (fx.QuadraticDrag(2.5), lambda t, x, v: -2.5 * v * abs(v)),
     (fx.Spring(40.0, rest=0.02), lambda t, x, v: -40.0 * (x - 0.02)),
     (fx.Gravity(3.0, phase=0.4), lambda t, x, v: -3.0 * math.sin(x - 0.4)),
@@ -278,6 +279,11 @@ def test_limits_and_dead_zones_within_noise_are_none():
     assert not fx.DeadZone(0.5).beyond_noise(noisy, 0.3)
     assert fx.DeadZone(0.8).beyond_noise(noisy, 0.3)
     assert fx.InputGain(1.01).beyond_noise(noisy, 0.3)  # noise does not imitate it
+
+
+def test_a_cold_lubricant_resists_less_or_more_but_does_not_drive():
+    for rise, plausible in ((4.0, True), (-0.9 * VISCOUS, True), (-1.1 * VISCOUS, False)):
+        assert fx.ViscousWarmUp(rise, time_constant=0.3).plausible(axis_with()) is plausible
 
 
 @pytest.mark.parametrize(

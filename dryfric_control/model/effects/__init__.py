@@ -27,6 +27,7 @@ from dryfric_control.model.effects.forces import QuadraticDrag as QuadraticDrag
 from dryfric_control.model.effects.forces import Spring as Spring
 from dryfric_control.model.effects.forces import TimePeriodic as TimePeriodic
 from dryfric_control.model.effects.forces import ViscousAsymmetry as ViscousAsymmetry
+from dryfric_control.model.effects.forces import ViscousWarmUp as ViscousWarmUp
 from dryfric_control.model.effects.interval import Box as Box
 from dryfric_control.model.effects.interval import Interval as Interval
 from dryfric_control.model.effects.levels import CoulombAsymmetry as CoulombAsymmetry

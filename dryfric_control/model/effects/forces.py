@@ -133,6 +133,73 @@ class ViscousAsymmetry(Effect):
 
 
 @register_effect
+class ViscousWarmUp(Effect):
+    r"""Viscous friction that falls while the lubricant warms up.
+
+    Notes
+    -----
+    .. math:: w \to w - \text{rise} \cdot e^{-t/\text{time constant}} \cdot v
+
+    The viscous coefficient of the axis is that of the warm machine.  A negative rise is
+    friction that grows towards it.
+
+    Examples
+    --------
+    The same force gives twice the speed once it is warm, 5/(5 + 5) and 5/5:
+
+    >>> import dryfric_control as dfc
+    >>> warm_up = dfc.effects.ViscousWarmUp(rise=5.0, time_constant=1.0)
+    >>> axis = dfc.FrictionAxis(mass=1e-3, viscous=5.0, coulomb=1.0, effects=(warm_up,))
+    >>> v = axis.simulate([6.0] * 10001, dt=1e-3).y[1]
+    >>> round(float(v[10]), 2), round(float(v[10000]), 2)
+    (0.5, 1.0)
+    """
+
+    rise: float = parameter("N s/m", "viscous friction beyond that of the warm machine at t = 0")
+    time_constant: float = parameter(
+        "s", "time constant", bounds=(1e-300, math.inf), logarithmic=True
+    )
+
+    title = "viscous warm-up"
+    action = "force"
+    rank = 12.6
+    explanation = (
+        "Oil and grease get thinner as they warm up: viscous friction falls, quickly at first and "
+        "then more slowly, until the machine is warm."
+    )
+    experiment = (
+        "Repeat the same moves, slow and fast, from cold until the force no longer changes: that "
+        "of the fast ones falls, that of a crawl stays."
+    )
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(time=abs(self.rise) * speed / self.time_constant, velocity=abs(self.rise))
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return -p[0] * math.exp(-t / p[1]) * v
+
+    def bounds(self, box: Box) -> Interval:
+        return -self.rise * (-box.t / self.time_constant).exponential() * box.v
+
+    def plausible(self, axis: BaseAxis) -> bool:
+        # A cold lubricant resists, too: it does not drive.
+        return axis.viscous + self.rise >= 0.0
+
+    @classmethod
+    def start(cls, axis: BaseAxis, size: Callable[[str], float]) -> ViscousWarmUp:
+        # None yet.
+        return cls(0.0, 10.0 * size("s"))
+
+    @classmethod
+    def columns(cls, view: View) -> Iterator[Column]:
+        # Time constants up to the length of the record; with longer ones it falls as a line.
+        for part in (0.05, 0.1, 0.2, 0.4, 0.8):
+            force = -view.v * np.exp(-view.t / (part * view.duration))
+            yield proportional_column("rise", force, time_constant=part * view.duration)
+
+
+@register_effect
 class QuadraticDrag(Effect):
     r"""Drag that grows with the square of velocity.
 

@@ -48,6 +48,7 @@ Added to the catalogue later, and no part of the blind conditions:
     load_encoder_backlash  as backlash, the encoder reads the load's position
     end_stop            e = - max(0, stiffness d + damping v) at d = x - high > 0, and
                         e = + max(0, stiffness d - damping v) at d = low - x > 0
+    viscous_warm_up     e = - rise exp(-t/time_constant) v
 
 Outside the product's catalogue:
 
@@ -90,6 +91,7 @@ DEFAULTS = dict(
     warm_rise=0.0, warm_time=1.0,
     load_encoder=0.0,  # 1: the encoder is on the load
     wall_stiffness=0.0, wall_damping=0.0, wall_low=0.0, wall_high=0.0,
+    viscous_rise=0.0, viscous_time=1.0,
 )  # fmt: skip
 Plant = namedtuple("Plant", DEFAULTS, defaults=DEFAULTS.values())
 
@@ -123,6 +125,8 @@ def _external(p, t, x, v):
             e -= max(0.0, p.wall_stiffness * (x - p.wall_high) + p.wall_damping * v)
         elif x < p.wall_low:
             e += max(0.0, p.wall_stiffness * (p.wall_low - x) - p.wall_damping * v)
+    if p.viscous_rise != 0.0:
+        e -= p.viscous_rise * exp(-t / p.viscous_time) * v
     if p.ripple != 0.0:
         e += p.ripple * (v / p.ripple_speed) ** 3 * sin(2.0 * pi * x / p.ripple_pitch)
     return e

@@ -91,6 +91,7 @@ def some_effect(slug: str, rng: np.random.Generator) -> fx.Effect:
             near(0.1, 0.8), near(1e-3, 3e-2)
         ),
         "warm_up": lambda: fx.WarmUp(near(0.1, 1.0), near(0.02, 1.0)),
+        "viscous_warm_up": lambda: fx.ViscousWarmUp(sign() * near(0.5, 5.0), near(0.02, 1.0)),
         "drift": lambda: fx.Drift(sign() * near(0.1, 3.0)),
         "dwell_time": lambda: fx.DwellTime(near(0.3, 3.0), near(3e-3, 0.3)),
         "end_stop": lambda: fx.EndStop(

@@ -199,6 +199,9 @@ EFFECTS: dict[str, Callable[[Draw], fx.Effect]] = {
         d.rng.uniform(0.0, 0.9), d.decade(-3.0, -1.0)
     ),
     "warm_up": lambda d: fx.WarmUp(d.rng.uniform(-0.5, 1.0), d.decade(-1.0, 2.0)),
+    "viscous_warm_up": lambda d: fx.ViscousWarmUp(
+        d.viscous * d.rng.uniform(-0.8, 2.0), d.decade(-1.0, 2.0)
+    ),
     "drift": lambda d: fx.Drift(d.rng.uniform(-0.05, 0.2)),
     "dwell_time": lambda d: fx.DwellTime(d.part(0.0, 1.0), d.decade(-2.5, 0.5)),
     "input_gain": lambda d: fx.InputGain(d.rng.uniform(0.4, 2.5)),

@@ -895,3 +895,17 @@ def test_a_level_that_changes_over_the_record_is_told_once():
     # 2.25 (1 - 0.4), and 2.25 (1 - 0.4 exp(-4)) at the end.
     assert "1. warm-up (warm_up): Coulomb level 1.35 -> 2.23 N m within 6 s" in text
     assert "2. " not in text and "1. warm-up" in " ".join(d.details().split())
+
+
+def test_viscous_friction_that_changes_over_the_record_is_told_once(found):
+    warm_up = dfc.effects.ViscousWarmUp(rise=20.0, time_constant=4.0)
+    machine = found.axis.replace(viscous=10.0, effects=(warm_up,))
+    causes = (
+        cause("viscous_warm_up", {"rise": 20.0, "time_constant": 4.0},
+              {"rise": 0.1, "time_constant": 0.1}),
+        cause("viscous", {"viscous": 10.0}, {"viscous": 0.1}, units={"viscous": "N s/m"}),
+    )  # fmt: skip
+    text = " ".join(str(replace(found, extended=machine, causes=causes)).split())
+    # 10 + 20, and 10 + 20 exp(-2) at the end of 8 s; 14 was nominal.
+    assert "viscous friction 30 -> 12.7 N s/m within 8 s (rise = 20.00" in text
+    assert "2. " not in text and "viscous 14" not in text

@@ -31,6 +31,8 @@ _BY_A_FORCE = (
     'which value is right, such as known=("mass",).'
 )
 
+# Names and units of base parameters that effects change over time.
+_CHANGING = {"coulomb": ("Coulomb level", "N"), "viscous": ("viscous friction", "N s/m")}
 # Relative change of a base parameter that is reported although no cause names it.
 _MOVED = 0.01
 # Factor by which a nominal value is off that is said in the first lines.
@@ -258,24 +260,31 @@ def shown_record(d: Findings) -> str:
     return f"record {d.record.name}, {of}" if d.record.name else f"{of} records"
 
 
-def course_text(d: Findings, cause: Cause) -> str:
-    """How a cause changes the Coulomb level over the record; empty if it does not."""
+def changed_base(d: Findings, cause: Cause) -> str:
+    """Base parameter that a cause changes over the record; empty if it does not."""
     effect = d.extended.named_effects().get(cause.effect)
-    if effect is None:
+    found = effect and effect.base_at(d.extended, 0.0)
+    return found[0] if found else ""
+
+
+def course_text(d: Findings, cause: Cause) -> str:
+    """How a cause changes a base parameter over the record; empty if it does not."""
+    name = changed_base(d, cause)
+    if not name:
         return ""
+    effect = d.extended.named_effects()[cause.effect]
     times = d.record.t[0], d.record.t[-1]
-    level = d.extended.coulomb.mean
-    first, last = (level * effect.level_factor(float(t)) for t in times)
-    if first == last:
-        return ""
-    unit = d.axis.units[1]
-    return f"Coulomb level {first:.3g} -> {last:.3g} {unit} within {times[1] - times[0]:.3g} s"
+    found = [effect.base_at(d.extended, float(t)) for t in times]
+    first, last = (one[1] for one in found if one)
+    title, unit = _CHANGING[name]
+    within = f"within {times[1] - times[0]:.3g} s"
+    return f"{title} {first:.3g} -> {last:.3g} {d.axis.unit(unit)} {within}"
 
 
 def shown_causes(d: Findings) -> list[Cause]:
-    """Main causes; a level that changes over the record is one, and not its nominal value too."""
-    changes = any(course_text(d, cause) for cause in d.main_causes)
-    return [one for one in d.main_causes if not (changes and one.effect == "coulomb")]
+    """Main causes; a value that changes over the record is one, and not its nominal value too."""
+    changing = {changed_base(d, cause) for cause in d.main_causes}
+    return [one for one in d.main_causes if one.effect not in changing]
 
 
 def line_of(d: Findings, cause: Cause) -> str:

@@ -621,15 +621,22 @@ class Effect:
         """
         return 0.0, 0.0
 
-    def level_factor(self, t: float) -> float:
-        """Coulomb level at a time over that without this effect.
+    def base_at(self, axis: BaseAxis, t: float) -> tuple[str, float] | None:
+        """The base parameter that it changes with time, at a time.
 
         Parameters
         ----------
+        axis : FrictionAxis
+            The axis that has the effect.
         t : float
             Time [s].
+
+        Returns
+        -------
+        tuple of str and float, or None
+            "coulomb" with the mean level, or "viscous"; by default none.
         """
-        return 1.0
+        return None
 
     def plausible(self, axis: BaseAxis) -> bool:
         """Whether an axis may have it, as far as its values tell.

@@ -182,6 +182,9 @@ class ViscousWarmUp(Effect):
     def bounds(self, box: Box) -> Interval:
         return -self.rise * (-box.t / self.time_constant).exponential() * box.v
 
+    def base_at(self, axis: BaseAxis, t: float) -> tuple[str, float]:
+        return "viscous", axis.viscous + self.rise * math.exp(-t / self.time_constant)
+
     def plausible(self, axis: BaseAxis) -> bool:
         # A cold lubricant resists, too: it does not drive.
         return axis.viscous + self.rise >= 0.0

@@ -496,8 +496,9 @@ class WarmUp(Effect):
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return level * p[0] * math.exp(-t / p[1])
 
-    def level_factor(self, t: float) -> float:
-        return 1.0 + self.rise * math.exp(-t / self.time_constant)
+    def base_at(self, axis: BaseAxis, t: float) -> tuple[str, float]:
+        factor = 1.0 + self.rise * math.exp(-t / self.time_constant)
+        return "coulomb", factor * axis.coulomb.mean
 
     def bounds(self, box: Box) -> Interval:
         return self.rise * box.level * (-box.t / self.time_constant).exponential()
@@ -550,8 +551,8 @@ class Drift(Effect):
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
         return level * p[0] * t
 
-    def level_factor(self, t: float) -> float:
-        return 1.0 + self.rate * t
+    def base_at(self, axis: BaseAxis, t: float) -> tuple[str, float]:
+        return "coulomb", (1.0 + self.rate * t) * axis.coulomb.mean
 
     def bounds(self, box: Box) -> Interval:
         return self.rate * box.level * box.t

@@ -20,6 +20,15 @@ from dryfric_control.records.staircase import find_staircase
 from dryfric_control.text import Result, documented, length_text, stated
 from dryfric_control.units import usual_units
 
+# Least displacement within a sample [standard deviations of the noise].
+_DISPLACED = 30.0
+# The same, over the steps of as many samples beside it.
+_ALONE = 4.0
+_BESIDE = 4
+# Largest step of noise [standard deviations of the noise].
+_SCATTER = 6.0
+# Part of the path from which displacements are how the axis moves.
+_UNUSUAL = 0.1
 # What a record must have.
 # Duration of its longest rest [s].
 _REST = 0.05
@@ -180,6 +189,20 @@ def speed_message(record: Record) -> str | None:
     )
 
 
+def displacements(record: Record) -> list[int]:
+    """Samples before which the position is suddenly elsewhere, though it does not move that fast.
+
+    No axis moves within one sample alone, unless that is how it always moves.
+    """
+    steps = np.abs(np.diff(record.x))
+    around = np.pad(steps, _BESIDE)
+    beside = [around[k : k + steps.size] for k in range(2 * _BESIDE + 1) if k != _BESIDE]
+    least = _DISPLACED * record.noise + _ALONE * np.max(beside, axis=0)
+    found = np.flatnonzero(steps > least)
+    path = float(steps[steps > _SCATTER * record.noise].sum())
+    return (found + 1).tolist() if steps[found].sum() < _UNUSUAL * path else []
+
+
 def check_record(record: Record, units: tuple[str, str], told: Sequence[str] = ()) -> RecordCheck:
     """Look a record over; `units` are those of position and drive, empty if not known.
 
@@ -253,6 +276,13 @@ def _messages(found: RecordCheck, record: Record) -> Iterator[str]:
         yield (
             f"the drive rests at both its extremes for {_percent(found.clipped)} of the time: make "
             "sure that u is the force that acted, not the one commanded"
+        )
+    for k in displacements(record)[:1]:
+        way = found._length(abs(float(record.x[k] - record.x[k - 1])))
+        yield (
+            f"the position is elsewhere by {way} from one sample to the next, at t = "
+            f"{record.t[k]:.5g} s, and moves on from there: did the encoder slip, or lose steps? "
+            f"Use record[:{k}] and record[{k}:]"
         )
     masked = sum(found.masked.values())
     if masked > _MASKED * found.samples:

@@ -4,8 +4,11 @@ import warnings
 
 import numpy as np
 import pytest
+from diagnosis_cases import record
+from truth import make_case, make_outside
 
 import dryfric_control as dfc
+from dryfric_control.records.data_check import displacements
 
 DT = 1e-3
 T = DT * np.arange(4000)
@@ -167,3 +170,31 @@ def test_positions_that_are_read_more_slowly_than_logged_are_told(count):
     for x in (np.sin(2.0 * T), 0.05 * T, 0.3 * np.sin(0.5 * T) ** 3):
         coarse = dfc.Record(T, np.cos(T), 1e-3 * np.round(1e3 * x), quantum=1e-3)
         assert not about(coarse.check(), "changes only every")
+
+
+def test_an_encoder_that_slips_is_told_with_its_place():
+    slipped = X + 1e-6 * np.random.default_rng(0).standard_normal(T.size)
+    slipped[1480:] += 1.5e-3  # in motion, where a sample is 0.2 mm
+    slipped[2500:] += 3e-4  # at rest
+    found = about(checked(slipped, quantum=1e-6), "encoder slip")
+    assert found == [
+        "the position is elsewhere by 1.7 mm from one sample to the next, at t = 1.48 s, and "
+        "moves on from there: did the encoder slip, or lose steps? Use record[:1480] and "
+        "record[1480:]"
+    ]
+    assert displacements(dfc.Record(T, np.cos(T), slipped)) == [1480, 2500]
+
+
+@pytest.mark.parametrize("condition", ["short", "coarse", "outliers"])
+def test_sound_records_have_no_displacement(condition):
+    for slug in ("coulomb", "backlash", "end_stop", "dwell_time"):
+        assert displacements(record(make_case(slug, 1, condition))) == []
+    # Nor has an axis that moves in jumps shorter than a sample, as a valve does.
+    jumps = np.repeat(np.random.default_rng(0).uniform(0.0, 1.0, 80), 50)
+    assert displacements(dfc.Record(T, np.cos(T), jumps)) == []
+
+
+def test_lost_steps_of_an_encoder_are_displacements():
+    for seed in range(3):
+        case = make_outside(seed, "short", kind="lost_steps")
+        assert displacements(record(case))

@@ -16,7 +16,7 @@ from dryfric_control.model.effects.effect import REGISTRY
 # Its functions are those of the modules, whose examples are run there.
 collect_ignore = ["dryfric_control/__init__.py"]
 
-SLOW_EXAMPLES = ("diagnose", "diagnose_batch", "identify_stribeck")
+SLOW_EXAMPLES = ("diagnose", "diagnose_batch")
 # What takes more than ten seconds and has no function for a mark: examples, notebooks, pages.
 LONG = (
     "identify_stribeck",

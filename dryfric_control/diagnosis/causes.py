@@ -284,16 +284,15 @@ def varying_parameters(
     return table, now
 
 
-def _own_value_penalty(problem: Problem) -> float:
-    """Log-likelihood that a parameter with a value for each record must gain."""
-    return 0.5 * math.log(problem.samples) * (len(problem.runs) - 1)
+def _penalty(problem: Problem, count: int) -> float:
+    """Log-likelihood that so many more parameters must gain."""
+    return 0.5 * math.log(problem.samples) * count
 
 
 def own_values_differ(problem: Problem, common: Solution, apart: Solution) -> bool:
     """Whether values of each record explain more than common ones."""
     count = len(apart.problem.names) - len(common.problem.names)
-    penalty = _own_value_penalty(problem) * count / max(len(problem.runs) - 1, 1)
-    return evidence(common, apart, [penalty]) > 0.0
+    return evidence(common, apart, [_penalty(problem, count)]) > 0.0
 
 
 def _next_varying(
@@ -301,7 +300,7 @@ def _next_varying(
 ) -> tuple[str, Solution] | None:
     """Parameter that differs most between records beside those that do in `now`, and its fit."""
     names = [n for n in (*BASE, *also) if n not in problem.known]
-    penalty = _own_value_penalty(problem)
+    penalty = _penalty(problem, len(problem.runs) - 1)
     most = 0.0
     best: tuple[str, Solution] | None = None
     for name in dict.fromkeys(names):

@@ -622,12 +622,11 @@ def _beside_own_values(
         if not varies:
             return *found, False
         other = replace(problem, own=(*problem.own, *varies))
-        each = each_of(apart)
-        fit = other.fit(apart.axis, problem.free_of(model.fit), noises_of(apart), each=each)
+        fit = _continue_fit(other, apart, COMPARISON_ITERATIONS)
         beside = Search(other, tell, search.not_tried, now=Model(fit, model.causes))
         end = beside.run(beside.eliminate_causes(beside.now))
         found = beside, end
-        common = problem.fit(end.fit.axis, problem.free_of(end.fit), noises_of(end.fit))
+        common = _continue_fit(problem, end.fit, COMPARISON_ITERATIONS)
         if not own_values_differ(problem, common, end.fit):
             same = Search(problem, tell, search.not_tried, now=Model(common, end.causes))
             found = same, same.run(same.eliminate_causes(same.now))

@@ -22,8 +22,9 @@ from dryfric_control.units import usual_units
 
 # Least displacement within a sample [standard deviations of the noise].
 _DISPLACED = 30.0
-# The same, over the steps of as many samples beside it.
+# The same, over the largest step beside it.
 _ALONE = 4.0
+# Samples before and after it that are beside it.
 _BESIDE = 4
 # Largest step of noise [standard deviations of the noise].
 _SCATTER = 6.0

@@ -260,30 +260,29 @@ def shown_record(d: Findings) -> str:
     return f"record {d.record.name}, {of}" if d.record.name else f"{of} records"
 
 
-def changed_base(d: Findings, cause: Cause) -> str:
-    """Base parameter that a cause changes over the record; empty if it does not."""
+def _base_at_ends(d: Findings, cause: Cause) -> list[tuple[str, float]]:
+    """Base parameter that a cause changes, at both ends of the record; empty if it does not."""
     effect = d.extended.named_effects().get(cause.effect)
-    found = effect and effect.base_at(d.extended, 0.0)
-    return found[0] if found else ""
+    if effect is None:
+        return []
+    ends = (effect.base_at(d.extended, float(d.record.t[k])) for k in (0, -1))
+    return [one for one in ends if one is not None]
 
 
 def course_text(d: Findings, cause: Cause) -> str:
     """How a cause changes a base parameter over the record; empty if it does not."""
-    name = changed_base(d, cause)
-    if not name:
+    found = _base_at_ends(d, cause)
+    if not found:
         return ""
-    effect = d.extended.named_effects()[cause.effect]
-    times = d.record.t[0], d.record.t[-1]
-    found = [effect.base_at(d.extended, float(t)) for t in times]
-    first, last = (one[1] for one in found if one)
+    (name, first), (_, last) = found
     title, unit = _CHANGING[name]
-    within = f"within {times[1] - times[0]:.3g} s"
+    within = f"within {d.record.t[-1] - d.record.t[0]:.3g} s"
     return f"{title} {first:.3g} -> {last:.3g} {d.axis.unit(unit)} {within}"
 
 
 def shown_causes(d: Findings) -> list[Cause]:
     """Main causes; a value that changes over the record is one, and not its nominal value too."""
-    changing = {changed_base(d, cause) for cause in d.main_causes}
+    changing = {name for cause in d.main_causes for name, _ in _base_at_ends(d, cause)}
     return [one for one in d.main_causes if one.effect not in changing]
 
 

@@ -112,6 +112,13 @@ def peaks(view: View, name: str, force: Floats, positive: bool = False) -> Itera
         yield proportional_column(name, peak_at(view, force, speed), positive, speed=speed)
 
 
+def fades(view: View) -> Iterator[tuple[float, Floats]]:
+    """Time constants up to the length of the record, and what fades with them; longer is drift."""
+    for part in (0.05, 0.1, 0.2, 0.4, 0.8):
+        time_constant = part * view.duration
+        yield time_constant, np.exp(-view.t / time_constant)
+
+
 def peak_at(view: View, force: Floats, speed: float) -> Floats:
     """A force that fades over velocity as a Stribeck peak."""
     return np.asarray(force * np.exp(-np.minimum((view.v / speed) ** 2, 40.0)))

@@ -9,7 +9,14 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from dryfric_control.arrays import Floats
-from dryfric_control.model.effects.columns import Column, View, proportional_column, sine, sines
+from dryfric_control.model.effects.columns import (
+    Column,
+    View,
+    fades,
+    proportional_column,
+    sine,
+    sines,
+)
 from dryfric_control.model.effects.effect import (
     BaseAxis,
     Effect,
@@ -196,10 +203,8 @@ class ViscousWarmUp(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        # Time constants up to the length of the record; with longer ones it falls as a line.
-        for part in (0.05, 0.1, 0.2, 0.4, 0.8):
-            force = -view.v * np.exp(-view.t / (part * view.duration))
-            yield proportional_column("rise", force, time_constant=part * view.duration)
+        for time_constant, fade in fades(view):
+            yield proportional_column("rise", -view.v * fade, time_constant=time_constant)
 
 
 @register_effect

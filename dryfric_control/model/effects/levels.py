@@ -13,6 +13,7 @@ from dryfric_control.model.effects.columns import (
     PARTS,
     Column,
     View,
+    fades,
     peaks,
     proportional_column,
     simulated_column,
@@ -510,11 +511,9 @@ class WarmUp(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        # Time constants up to the length of the record; longer ones are a drift.
-        for part in (0.05, 0.1, 0.2, 0.4, 0.8):
-            fade = np.exp(-view.t / (part * view.duration))
+        for time_constant, fade in fades(view):
             force = -view.direction * view.level * view.lift * fade
-            yield proportional_column("rise", force, time_constant=part * view.duration)
+            yield proportional_column("rise", force, time_constant=time_constant)
 
 
 @register_effect

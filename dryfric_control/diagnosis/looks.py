@@ -163,6 +163,8 @@ class ProposalFits:
     odds: Mapping[str, float]  # logarithm of the number of shapes of each effect
     fail: Callable[[str, str], None]  # called with names and the reason why they were not tried
     rows: list[FittedProposal] = field(default_factory=list)
+    #: Proposals of one effect whose fits did not promise enough to go on.
+    left: list[PartialFit] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.free = self.problem.free_of(self.now)
@@ -181,7 +183,9 @@ class ProposalFits:
         joined = [p for p in proposals if len(p.names) > 1]
         waiting = self._first_fits([p for p in proposals if len(p.names) == 1], proposals)
         while True:
-            waiting = self._worth_a_step(waiting, top)
+            going = self._worth_a_step(waiting, top)
+            self.left += [one for one in waiting if one not in going]
+            waiting = going
             if not waiting and joined:
                 # Joined causes are looked at if they promise more than single ones reached.
                 some = [p for p in joined if p.predicted > top[0] - FIT_SLACK]
@@ -394,12 +398,12 @@ class ProposalFits:
         return replace(row, fit=fit, evidence=self._row_evidence(fit, row.names))
 
     def translate(self, view: ModelView) -> None:
-        """Fit rows that act as the best one does again from where that one ended.
+        """Fit what acts as the best row does again from where that one ended.
 
-        A rough cost would choose between equals by chance.
+        A rough cost would choose between equals by chance, and leave one for the other.
         """
         good = [r for r in self.rows if len(r.names) == 1 and not r.reason]
-        if len(good) < 2:
+        if not good:
             return
         top, problem = max(good, key=lambda r: r.evidence), self.problem
         effect, base = named(top.fit.axis)[top.names[0]], problem.base
@@ -426,7 +430,15 @@ class ProposalFits:
             reason = rejection_reason(problem, fit, name, _cause_parameters(row.free, name))
             return replace(row, fit=fit, evidence=self._row_evidence(fit, row.names), reason=reason)
 
+        fitted = {row.names for row in self.rows}
+        left = {
+            one.proposal.names: self._row(one, one.fit)
+            for one in self.left
+            if len(one.proposal.names) == 1 and one.proposal.names not in fitted
+        }
+        again = problem.parallel(one, left.values())
         self.rows = problem.parallel(one, self.rows)
+        self.rows += [new for new, old in zip(again, left.values(), strict=True) if new is not old]
 
     def _required_gain(self, one: Proposal) -> float:
         """What the causes of a proposal cost."""

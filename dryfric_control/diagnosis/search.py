@@ -722,7 +722,13 @@ class Search:
         return evidence(other.fit, one.fit, ()) - own + others
 
     def alternatives(self, now: Model) -> dict[str, dict[str, Solution]]:
-        """Effects that explain the records as well in the place of each cause."""
+        """Effects that explain the records as well in the place of each cause.
+
+        As they were found with other inputs, where exchanges were decided on those.
+        """
+        earlier = self.before
+        if earlier is not None and self._kept_before(frozenset(now.causes)):
+            return earlier.alternatives(earlier.now)
         found: dict[str, dict[str, Solution]] = {}
         for name in now.causes:
             less = now.less.get(name)

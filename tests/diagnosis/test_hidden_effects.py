@@ -67,6 +67,18 @@ def test_a_hidden_effect_is_named(slug):
     assert np.all(np.isfinite(run.y[:2]))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("condition", "seed"), [("off", 211), ("noisy", 200)])
+def test_what_gives_the_very_same_record_is_an_alternative(condition, seed):
+    case = make_case("bias_force", seed, condition)
+    assert case.twins == {"bias_force": ("coulomb_asymmetry",)}
+    with among("bias_force", "coulomb_asymmetry", "spring"):
+        found = dfc.diagnose(believed(case), record(case), jobs=1, progress=False)
+    first = found.causes[0]
+    # A nominal axis that is off, or inputs that are denoised, hide neither.
+    assert {first.effect, *first.alternatives} == {"bias_force", "coulomb_asymmetry"}
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("slug", "seed"), [("compliance", 3), ("backlash", 4)])
 def test_two_masses_with_friction_on_the_motor_are_named(slug, seed):

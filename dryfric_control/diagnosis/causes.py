@@ -11,7 +11,7 @@ import numpy as np
 
 from dryfric_control.diagnosis.candidates import SLUGS, effect_class, holds
 from dryfric_control.diagnosis.criterion import evidence, prior_of
-from dryfric_control.diagnosis.problem import Problem, each_of, noises_of
+from dryfric_control.diagnosis.problem import BIAS_FORCE, Problem, each_of, noises_of
 from dryfric_control.diagnosis.report.findings import Cause
 from dryfric_control.diagnosis.search import Model, Search
 from dryfric_control.diagnosis.thresholds import (
@@ -265,13 +265,13 @@ def varying_parameters(
 ) -> tuple[dict[str, dict[str, list[float]]], Solution]:
     """Parameters that differ between records, with standard errors, and the fit with them.
 
-    Of the base, and of what may differ `also`.
+    Of the base, a constant force, such as the weight of a load, and of what may differ `also`.
     """
     count = len(problem.runs)
     now = final
     own = problem.own
     while count > 1 and not problem.is_overdue:
-        best = _next_varying(replace(problem, own=own), final, now, also)
+        best = _next_varying(with_own(problem, final, own), final, now, also)
         if best is None:
             break
         own = (*own, best[0])
@@ -289,6 +289,12 @@ def _penalty(problem: Problem, count: int) -> float:
     return 0.5 * math.log(problem.samples) * count
 
 
+def with_own(problem: Problem, fit: Solution, own: Sequence[str]) -> Problem:
+    """The problem with values of some parameters for each record; a bias force need not be one."""
+    bias = BIAS_FORCE in own and BIAS_FORCE not in (*problem.also, *fit.problem.names)
+    return replace(problem, own=tuple(own), also=(*problem.also, *(BIAS_FORCE,) * bias))
+
+
 def own_values_differ(problem: Problem, common: Solution, apart: Solution) -> bool:
     """Whether values of each record explain more than common ones."""
     count = len(apart.problem.names) - len(common.problem.names)
@@ -299,14 +305,14 @@ def _next_varying(
     problem: Problem, final: Solution, now: Solution, also: Sequence[str]
 ) -> tuple[str, Solution] | None:
     """Parameter that differs most between records beside those that do in `now`, and its fit."""
-    names = [n for n in (*BASE, *also) if n not in problem.known]
-    penalty = _penalty(problem, len(problem.runs) - 1)
+    names = [n for n in (*BASE, BIAS_FORCE, *also) if n not in problem.known]
     most = 0.0
     best: tuple[str, Solution] | None = None
     for name in dict.fromkeys(names):
         if name in problem.own:
             continue
-        one = replace(problem, own=(*problem.own, name))
+        one = with_own(problem, final, (*problem.own, name))
+        penalty = _penalty(problem, len(problem.runs) - (name not in one.also))
         base = [n for n in BASE if n in names and (n in final.problem.names or n == name)]
         fit = _varying_fit(one, final, now, base, penalty)
         if fit is None:

@@ -24,6 +24,7 @@ from dryfric_control.diagnosis.causes import (
     hardly_determined,
     own_values_differ,
     varying_parameters,
+    with_own,
 )
 from dryfric_control.diagnosis.criterion import cost_of, evidence
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
@@ -35,7 +36,7 @@ from dryfric_control.diagnosis.inputs import (
     with_input_lead,
 )
 from dryfric_control.diagnosis.invariants import is_pressed_to_bound
-from dryfric_control.diagnosis.problem import Problem, each_of, noises_of, with_found_load
+from dryfric_control.diagnosis.problem import BIAS, Problem, each_of, noises_of, with_found_load
 from dryfric_control.diagnosis.remaining import Remaining, remaining_force
 from dryfric_control.diagnosis.report.diagnosis import Diagnosis
 from dryfric_control.diagnosis.report.findings import LATE
@@ -621,14 +622,15 @@ def _beside_own_values(
         varies, apart = varying_parameters(problem, model.fit, ())
         if not varies:
             return *found, False
-        other = replace(problem, own=(*problem.own, *varies))
+        other = with_own(problem, model.fit, (*problem.own, *varies))
         fit = _continue_fit(other, apart, COMPARISON_ITERATIONS)
         beside = Search(other, tell, search.not_tried, now=Model(fit, model.causes))
         end = beside.run(beside.eliminate_causes(beside.now))
         found = beside, end
         common = _continue_fit(problem, end.fit, COMPARISON_ITERATIONS)
         if not own_values_differ(problem, common, end.fit):
-            same = Search(problem, tell, search.not_tried, now=Model(common, end.causes))
+            more = (BIAS,) * (other.also != problem.also)  # a common one is a cause as any other
+            same = Search(problem, tell, search.not_tried, now=Model(common, (*end.causes, *more)))
             found = same, same.run(same.eliminate_causes(same.now))
     except KeyboardInterrupt:
         return *found, True

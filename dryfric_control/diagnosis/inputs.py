@@ -21,7 +21,7 @@ from dryfric_control.diagnosis.candidates import (
 )
 from dryfric_control.diagnosis.criterion import evidence
 from dryfric_control.diagnosis.linearised import Linearised
-from dryfric_control.diagnosis.problem import BIAS, Problem, each_of, noises_of
+from dryfric_control.diagnosis.problem import BIAS_FORCE, Problem, each_of, noises_of
 from dryfric_control.diagnosis.search import Model, Search
 from dryfric_control.estimation.force_view import ForceRun, ForceView, prepare_force
 from dryfric_control.estimation.input_noise import without_noise
@@ -174,7 +174,7 @@ def driven_model(
 
 def _per_record_problem(problem: Problem, now: Solution) -> tuple[Problem, Solution]:
     """The problem with a Coulomb level and offset per record, where the records differ."""
-    for names in ((f"{BIAS}.force", "coulomb"), ("coulomb",)):
+    for names in ((BIAS_FORCE, "coulomb"), ("coulomb",)):
         if "coulomb" not in problem.base or not set(names).isdisjoint(problem.known):
             continue
         one = replace(problem, also=(*problem.also, *names), own=(*problem.own, *names))

@@ -51,6 +51,7 @@ FloatArray = NDArray[np.float64]
 
 #: The effect that is a constant force.
 BIAS = "bias_force"
+BIAS_FORCE = f"{BIAS}.force"
 #: The factor of the drive.
 GAIN = "input_gain.gain"
 # Actions of nominal effects whose amounts are uncertain.
@@ -286,7 +287,7 @@ class Problem:
     def constant(self, name: str) -> bool:
         """Whether a parameter only adds a force of which every record has its own."""
         owner, _, part = name.partition(".")
-        return f"{BIAS}.force" in self.own and part == effect_class(owner).adds_constant
+        return BIAS_FORCE in self.own and part == effect_class(owner).adds_constant
 
     def remove_effects(self, axis: FrictionAxis, *names: str) -> FrictionAxis:
         """The axis with effects as in the nominal axis, or without them if that has none."""

@@ -162,6 +162,23 @@ def test_a_force_is_found_in_records_under_two_loads():
     assert "differs from record to record: mass" in str(found)
 
 
+def test_a_weight_that_one_record_has_and_another_not_is_found():
+    dt = 2e-3
+    t = dt * np.arange(3000)
+    records = []
+    for mass, weight, late in ((3.0, 0.0, 0.0), (4.0, -9.8, 0.3)):
+        u = swept(t + late) * (1.0 + 0.1 * mass) - weight
+        x = 1e-6 * np.round(peaked_stage(u, dt, 100, mass, weight, 0.0, 1.0) / 1e-6)
+        records.append(dfc.Record(t, u, x))
+    axis = dfc.FrictionAxis(mass=3.0, viscous=20.0, coulomb=7.0)
+    found = dfc.diagnose(axis, records, progress=False)
+    assert found.verdict == "explained" and not found.causes
+    assert {*found.varies} == {"mass", "bias_force.force"}
+    assert found.varies["bias_force.force"]["values"] == pytest.approx([0.0, -9.8], abs=0.02)
+    assert found.varies["mass"]["values"] == pytest.approx([3.0, 4.0], rel=0.005)
+    assert "differs from record to record: bias force (force) = " in str(found)
+
+
 @njit
 def volt_motor(volt, dt, steps, gain):
     """Angles of a motor that a voltage drives, which acts half a sample late."""

@@ -20,9 +20,9 @@ from dryfric_control.diagnosis.report.findings import (
     with_error,
 )
 from dryfric_control.estimation.likelihood import BASE
-from dryfric_control.estimation.parameters import values_of
+from dryfric_control.estimation.parameters import base_unit, values_of
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.naming import class_of, titles_of
+from dryfric_control.model.effects.naming import class_of, title_of, titles_of
 from dryfric_control.text import length_text, percent, rotary_words
 
 # What separates a gain of the drive from base parameters that are all wrong.
@@ -324,14 +324,14 @@ def brief_lines(d: Findings) -> list[str]:
     of = f" (of {records_text(d)})" if d.others else ""
     lines = [f"verdict: {d.verdict if d.causes else verdict_line(d)}{of}"]
     lines += [f"warning: {one}" for one in far_off(d)][:_BRIEF_WARNINGS]
-    varied = [_variation_text(name, found) for name, found in d.varies.items()]
+    varied = [_variation_text(d, name, found) for name, found in d.varies.items()]
     lines += varied[:1]
     shown = shown_causes(d)
     room = _BRIEF_CAUSES - len(varied[:1])
     lines += [f"{i}. {line_of(d, one)}" for i, one in enumerate(shown[:room], start=1)]
     more = [
         *(short_cause_text(one, d.axis) for one in (*shown[room:], *d.small_corrections)),
-        *(f"{name} by record" for name in [*d.varies][1:]),
+        *(f"{_own_name(name)} by record" for name in [*d.varies][1:]),
     ]
     if more:
         lines.append(f"and {len(more)} more: {', '.join(more)}")
@@ -368,7 +368,7 @@ def further_lines(d: Findings) -> list[str]:
         head = "also changed in the extended model, by less than the remaining force shows"
         changes = ", ".join(f"{name} {100.0 * part:+.2g} %" for name, part in moved.items())
         lines.append(f"{head}: {changes}")
-    lines += [_variation_text(name, found) for name, found in d.varies.items()]
+    lines += [_variation_text(d, name, found) for name, found in d.varies.items()]
     return lines
 
 
@@ -381,13 +381,23 @@ def _further_changes(d: Findings) -> dict[str, float]:
     return {name: part for name, part in changes.items() if abs(part) > _MOVED}
 
 
-def _variation_text(name: str, found: Mapping[str, Any]) -> str:
+def _own_name(name: str) -> str:
+    """A parameter in words: of an effect that with the effect's title."""
+    owner, _, part = name.rpartition(".")
+    return f"{title_of(owner)} ({part})" if owner else name
+
+
+def _variation_text(d: Findings, name: str, found: Mapping[str, Any]) -> str:
     """How a parameter differs from record to record, in one line."""
     values = ", ".join(map(with_error, found["values"], found["standard_errors"]))
     least = min(found["values"], key=abs)
     most = max(found["values"], key=abs)
     ratio = f" (largest: {most / least:.3g} of the smallest)" if least * most > 0.0 else ""
-    return f"differs from record to record: {name} = {values}{ratio}"
+    owner, _, part = name.rpartition(".")
+    effect = class_of(owner)
+    units = d.axis.units
+    unit = d.axis.unit(base_unit(name)) if effect is None else effect.units(units)[part]
+    return f"differs from record to record: {_own_name(name)} = {values} {unit}{ratio}"
 
 
 def cause_names(d: Findings) -> str:

@@ -118,6 +118,9 @@ def shown_range(
     step = min(r.resolution.step for r in records)
     if unit == "s":
         return dt, math.inf
+    if unit == "Hz":
+        # What does not come back within the record is not known to come back.
+        return 1.0 / max(r.duration for r in records), 0.5 / dt
     if unit == "m" and kind == "amount":
         least = _MIN_READING_ERROR if effect.action == "reading" else _MIN_VISIBLE_LENGTH
         return least * step, math.inf

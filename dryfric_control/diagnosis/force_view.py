@@ -61,6 +61,7 @@ class ForceView(ModelView):
         self.quantum = min(r.resolution.step for r in records)
         self.duration = max(r.duration for r in records)
         self.t = np.concatenate([r.t for r in records])
+        self.readings = np.concatenate([r.x for r in records])
         self.x = np.concatenate([m.x for m in self.motions])
         self.v = np.concatenate([m.v for m in self.motions])
         self.a = np.concatenate([m.a for m in self.motions])

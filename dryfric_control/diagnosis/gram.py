@@ -314,6 +314,11 @@ class Gram:
                 self.fail(name, str(problem))
         return found
 
+    @property
+    def is_told(self) -> bool:
+        """Whether the record itself tells the values of a shape that takes a pass."""
+        return any(one.told for some in self._shapes.values() for one in some)
+
     def _columns(self) -> Iterator[tuple[str, Column, FloatArray, float]]:
         """Shapes of all effects with their weighted columns."""
         for kind, respond in (("force", self.here.of_forces), ("reading", self.here.of_readings)):

@@ -73,6 +73,7 @@ class Linearised(ModelView):
         self.quantum = min(r.resolution.step for r in records)
         self.duration = max(r.duration for r in records)
         self.t = np.concatenate([r.t for r in records])
+        self.readings = np.concatenate([r.x for r in records])
         self.u = np.concatenate([run.u for run in likelihood.runs])
         self.load = _known_forces(records)
         self.x = states[0]

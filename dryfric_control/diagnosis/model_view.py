@@ -72,6 +72,7 @@ class ModelView:
 
     axis: FrictionAxis
     t: Floats
+    readings: Floats
     x: Floats
     v: Floats
     a: Floats

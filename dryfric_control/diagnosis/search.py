@@ -446,12 +446,14 @@ class Search:
     ) -> bool:
         """Whether the record shows that shapes with a memory, which take passes, may explain it.
 
-        Where friction builds up after reversals, or single readings are far off; beside or in the
-        place of another cause, only where the former is the first thing to be seen.
+        Where friction builds up after reversals, the breakaways tell of a dwell time, or single
+        readings are far off; beside or in the place of another cause, the first of these only where
+        it is the first thing to be seen, the last not.
         """
         last = MAX_CAUSES if other is None and not looks.good else 1
         return (
             self._after_reversal(now, grams) < last
+            or any(gram.is_told for gram in grams)
             or (last > 1 and self.problem.outliers(now.fit) > STRONG_EVIDENCE)
             or self.problem.is_imposed  # where a shape takes no pass of the filter
         )

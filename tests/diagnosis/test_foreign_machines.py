@@ -10,6 +10,7 @@ from diagnosis_cases import causes
 from numba import njit
 
 import dryfric_control as dfc
+from dryfric_control.diagnosis.force_view import ForceView
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.search import Search
 from dryfric_control.estimation.likelihood import prepare
@@ -177,6 +178,43 @@ def test_a_weight_that_one_record_has_and_another_not_is_found():
     assert found.varies["bias_force.force"]["values"] == pytest.approx([0.0, -9.8], abs=0.02)
     assert found.varies["mass"]["values"] == pytest.approx([3.0, 4.0], rel=0.005)
     assert "differs from record to record: bias force (force) = " in str(found)
+
+
+@njit
+def sticking_drive(u, dt, steps, rise, time_constant):
+    """Angles of a drive of 14 kg m^2 whose breakaway torque of 52 N m grows at rest."""
+    x, v, rest, angles = 0.0, 0.0, 0.0, np.empty(u.size)
+    h = dt / steps
+    for i in range(u.size):
+        angles[i] = x
+        for _ in range(steps):
+            level = 52.0 + (rise * (1.0 - np.exp(-rest / time_constant)) if v == 0.0 else 0.0)
+            x, v = stepped(x, v, u[i] - 30.0 * v, level, 14.0, h)
+            rest = rest + h if v == 0.0 else 0.0
+    return angles
+
+
+def test_breakaways_after_rests_tell_a_dwell_time():
+    # Ramps of torque after rests of 0.15 s to 3 s, by turns.
+    dt = 4e-3
+    parts = []
+    for k, wait in enumerate((0.15, 1.2, 0.5, 2.4, 0.3, 0.8, 3.0, 0.2, 1.6, 0.4)):
+        ramp = np.linspace(20.0, 90.0 + 3.0 * k, 200)
+        parts += [(-1) ** k * np.concatenate((ramp, np.full(round(wait / dt), 10.0)))]
+    u = np.concatenate(parts)
+    x = 6e-6 * np.round(sticking_drive(u, dt, 80, 14.0, 0.5) / 6e-6)
+    axis = dfc.FrictionAxis(inertia=14.0, viscous=30.0, coulomb=52.0)
+    record = dfc.Record(dt * np.arange(u.size), u, x)
+    view = ForceView(Problem(axis, (prepare(record, mass=axis.mass),)), axis)
+    first = next(iter(dfc.effects.DwellTime.columns(view)))
+    assert first.told
+    assert first.values((1.0,))["rise"] == pytest.approx(14.0, rel=0.05)
+    assert first.values((1.0,))["time_constant"] == pytest.approx(0.5, rel=0.1)
+    # Where breakaways do not depend on the time at rest, none is told.
+    x = 6e-6 * np.round(sticking_drive(u, dt, 80, 14.0, 1e-3) / 6e-6)
+    record = dfc.Record(dt * np.arange(u.size), u, x)
+    view = ForceView(Problem(axis, (prepare(record, mass=axis.mass),)), axis)
+    assert not any(one.told for one in dfc.effects.DwellTime.columns(view))
 
 
 @njit

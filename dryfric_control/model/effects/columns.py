@@ -20,6 +20,8 @@ EffectClass = type[Any]
 
 #: Velocities over which friction may change, as parts of the usual ones.
 PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
+# Least number of readings in a row without motion that are a rest.
+_SHORTEST_REST = 3
 # Largest number of shapes of an effect that has no columns of its own.
 _MOST_SHAPES = 256
 # Lengths of an effect with a memory, as parts of the travel: a contact gives way by little of it.
@@ -33,6 +35,7 @@ class View(Protocol):
 
     axis: Any
     t: Floats
+    readings: Floats  # recorded positions
     x: Floats
     v: Floats
     a: Floats
@@ -69,6 +72,7 @@ class Column(NamedTuple):
     positive: bool = False  # the first coefficient must be
     most: float = math.inf  # largest size of the first coefficient
     shapes: float = 1.0  # searched for this one, if more than columns
+    told: bool = False  # whether the record itself tells its values
 
 
 def proportional_column(
@@ -122,6 +126,20 @@ def fades(view: View) -> Iterator[tuple[float, Floats]]:
 def peak_at(view: View, force: Floats, speed: float) -> Floats:
     """A force that fades over velocity as a Stribeck peak."""
     return np.asarray(force * np.exp(-np.minimum((view.v / speed) ** 2, 40.0)))
+
+
+def breakaways(view: View) -> tuple[Floats, Floats]:
+    """Times at rest [s], and forces beyond the level [N], at which the axis breaks away."""
+    # The states of a model without this are wrong just there.
+    step = np.diff(view.readings)
+    moves = np.abs(step) > view.quantum
+    index = np.arange(moves.size)
+    last = np.maximum.accumulate(np.where(moves, index, -1))
+    ends = np.flatnonzero(~moves[:-1] & moves[1:])  # last steps of rests
+    ends = ends[ends - last[ends] >= _SHORTEST_REST]
+    net = view.drive + view.load if view.load.size else view.drive
+    beyond = np.sign(step[ends + 1]) * net[ends + 1] - view.level[ends + 1]
+    return (ends - last[ends]) * view.dt, beyond
 
 
 def delayed_columns(

@@ -7,12 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from dryfric_control.arrays import Floats
 from dryfric_control.model.effects.columns import (
     PARTS,
     Column,
     View,
+    breakaways,
     fades,
     peaks,
     proportional_column,
@@ -35,6 +37,10 @@ _STEEPEST_PEAK = math.sqrt(2.0 / math.e)
 _NEARLY_ALL = 0.5
 # Half the difference of the levels of both directions over their mean, at most: three to one.
 _ONE_SIDED = 0.5
+# Least number of rests of different lengths that tell how a level grows.
+_LEAST_RESTS = 4
+# Largest scatter of the levels about how they grow, over that about their median, that tells it.
+_TOLD_SCATTER = 0.5
 
 
 @register_effect
@@ -561,6 +567,34 @@ class Drift(Effect):
         yield proportional_column("rate", -view.direction * view.level * view.lift * view.t)
 
 
+def _grown_levels(rests: Floats, beyond: Floats, error: float) -> Iterator[Column]:
+    """Shape of a dwell time that fits forces beyond the level after rests, if these tell one.
+
+    Forces that differ from it by more than an `error` hardly count.
+    """
+    if np.unique(rests).size < _LEAST_RESTS or not beyond.max() > error:
+        return
+
+    def left(z: Floats) -> Floats:
+        return np.asarray(z[0] * -np.expm1(-rests / z[1]) - beyond)
+
+    longest = float(rests.max())
+    ends = (0.0, 1e-2 * float(rests.min())), (math.inf, 10.0 * longest)
+    best = min(
+        (
+            least_squares(left, (beyond.max(), part * longest), "2-point", ends, loss="cauchy",
+                          f_scale=error)
+            for part in (0.03, 0.1, 0.3)
+        ),
+        key=lambda one: one.cost,
+    )  # fmt: skip
+    if best.x[0] > error:
+        rise, time_constant = map(float, best.x)
+        scatter, rest = (np.median(np.abs(z - np.median(z))) for z in (beyond, best.fun))
+        told = bool(rest < _TOLD_SCATTER * scatter)
+        yield simulated_column(rise=rise, time_constant=time_constant)._replace(told=told)
+
+
 @register_effect
 class DwellTime(Effect):
     r"""Breakaway level that grows with the time at rest.
@@ -612,7 +646,8 @@ class DwellTime(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        # Breakaway is all that shows it.
+        # Breakaway is all that shows it: after rests of several lengths the record itself.
+        yield from _grown_levels(*breakaways(view), 0.1 * view.size)
         for part in (0.15, 0.4, 1.0, 2.0):
             for time_constant in (0.05, 0.2, 0.8):
                 yield simulated_column(rise=part * view.size, time_constant=time_constant)

@@ -139,7 +139,7 @@ def breakaways(view: View) -> tuple[Floats, Floats]:
     ends = ends[ends - last[ends] >= _SHORTEST_REST]
     net = view.drive + view.load if view.load.size else view.drive
     beyond = np.sign(step[ends + 1]) * net[ends + 1] - view.level[ends + 1]
-    return (ends - last[ends]) * view.dt, beyond
+    return np.asarray((ends - last[ends]) * view.dt, dtype=float), beyond
 
 
 def delayed_columns(

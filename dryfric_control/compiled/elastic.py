@@ -1154,7 +1154,8 @@ def _move_joined(plant, drive, t, d, exact, free, memory, scratch, side, events,
         if end >= 0.0:
             count[step.LISTED], d = known, switch
             end = _move_one_mass(plant, drive, t, d, memory, side, scratch, events, count)
-    a, start = 0.0, 0.0
+    a = 0.0
+    start = 0.0
     if free:
         a, start, d, end = _first_pull(
             plant, drive, t, d, end, side, known, memory, scratch, events, count

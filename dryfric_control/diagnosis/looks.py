@@ -184,7 +184,8 @@ class ProposalFits:
         waiting = self._first_fits([p for p in proposals if len(p.names) == 1], proposals)
         while True:
             going = self._worth_a_step(waiting, top)
-            self.left += [one for one in waiting if one not in going]
+            ended = [one for one in waiting if one not in going]
+            self.left += [one for one in ended if len(one.proposal.names) == 1]
             waiting = going
             if not waiting and joined:
                 # Joined causes are looked at if they promise more than single ones reached.
@@ -434,7 +435,7 @@ class ProposalFits:
         left = {
             one.proposal.names: self._row(one, one.fit)
             for one in self.left
-            if len(one.proposal.names) == 1 and one.proposal.names not in fitted
+            if one.proposal.names not in fitted
         }
         again = problem.parallel(one, left.values())
         self.rows = problem.parallel(one, self.rows)

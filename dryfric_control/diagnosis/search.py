@@ -728,9 +728,11 @@ class Search:
 
         As they were found with other inputs, where exchanges were decided on those.
         """
-        earlier = self.before
-        if earlier is not None and self._kept_before(frozenset(now.causes)):
-            return earlier.alternatives(earlier.now)
+        key = frozenset(now.causes)
+        if self.before is not None and self._kept_before(key):
+            earlier = self.before.now
+            if frozenset(earlier.causes) == key:
+                return self.before.alternatives(earlier)
         found: dict[str, dict[str, Solution]] = {}
         for name in now.causes:
             less = now.less.get(name)

@@ -128,7 +128,7 @@ def peak_at(view: View, force: Floats, speed: float) -> Floats:
     return np.asarray(force * np.exp(-np.minimum((view.v / speed) ** 2, 40.0)))
 
 
-def breakaways(view: View) -> tuple[Floats, Floats]:
+def breakaway_levels(view: View) -> tuple[Floats, Floats]:
     """Times at rest [s], and forces beyond the level [N], at which the axis breaks away."""
     # The states of a model without this are wrong just there.
     step = np.diff(view.readings)

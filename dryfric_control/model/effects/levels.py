@@ -14,7 +14,7 @@ from dryfric_control.model.effects.columns import (
     PARTS,
     Column,
     View,
-    breakaways,
+    breakaway_levels,
     fades,
     peaks,
     proportional_column,
@@ -647,7 +647,7 @@ class DwellTime(Effect):
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         # Breakaway is all that shows it: after rests of several lengths the record itself.
-        yield from _grown_levels(*breakaways(view), 0.1 * view.size)
+        yield from _grown_levels(*breakaway_levels(view), 0.1 * view.size)
         for part in (0.15, 0.4, 1.0, 2.0):
             for time_constant in (0.05, 0.2, 0.8):
                 yield simulated_column(rise=part * view.size, time_constant=time_constant)

@@ -141,6 +141,15 @@ def _place_range(
     return min([low - room, *ends]), max([high + room, *ends])
 
 
+def repeat_apart(one: Effect, other: Effect, records: Sequence[Record]) -> bool:
+    """Whether a record holds a beat of two effects that repeat: they are no single one there."""
+    time = max(r.duration for r in records)
+    travel = max(r.range for r in records)
+    rows = zip(one.periods, other.periods, (time, travel), strict=True)
+    beats = [shown * abs(1.0 / a - 1.0 / b) for a, b, shown in rows if a + b < math.inf]
+    return not beats or max(beats) >= 1.0
+
+
 def is_within_records(
     values: Mapping[str, float], records: Sequence[Record], travel: tuple[float, float] | None
 ) -> bool:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dryfric_control.diagnosis.candidates import effect_class
 from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
 from dryfric_control.estimation.random_force import long_run
 from dryfric_control.estimation.solution import Solution
@@ -34,6 +35,11 @@ def evidence(less: Solution, more: Solution, odds: Sequence[float] = (0.0,)) -> 
     fall = less.held_out() - more.held_out()
     gain = min(float(fall[np.isfinite(fall)].sum()), seen)
     return gain / long_run(more) + prior - costs
+
+
+def odds_of(odds: Mapping[str, float], name: str) -> float:
+    """Logarithm of the number of shapes of an effect; another one of a kind has as many."""
+    return odds.get(name, odds.get(effect_class(name).slug, 0.0))
 
 
 def cost_of(fit: Solution) -> float:

@@ -319,6 +319,9 @@ class _Answer:
     end: float  # reading of `time.monotonic` at which fits end
     messages: list[str]
     varies: dict[str, dict[str, list[float]]] = field(default_factory=dict)
+    lead: str = ""  # of the inputs over their time stamps
+    # Records and free runs with the inputs at their time stamps.
+    stamped: tuple[list[Record], list[Windows]] = ([], [])
 
     def __post_init__(self) -> None:
         self.finished = not self.messages
@@ -341,7 +344,8 @@ class _Answer:
         self.tell("replays", self.model.causes)
         self._judge_fit(final)
         if not (self.causes or self.problem.own):
-            final = self._nominal_fit(final)
+            no_lead = self.lead and (self.found.muted or _leaves_most(self.found))
+            final = self._without_causes(final) if no_lead else self._nominal_fit(final)
         better = [name for name, cost in references.items() if cost < final.cost]
         if self.found.worse:
             better.append("free runs of the nominal axis")
@@ -415,13 +419,18 @@ class _Answer:
         """Shift the inputs of the records by the lead that was found, if any."""
         if self.problem.shift is None:
             return
+        self.stamped = list(self.records), list(self.windows)
         shift = final.values().get(SHIFT, 0.0)
-        early = length_text(-shift, "s")
-        self.messages.append(
-            f"the recorded input acts {early} before its time stamp: d.record has it shifted"
-        )
         self.records = [r.replace(u=delay_input(r.u, shift / r.dt)) for r in self.records]
         self.windows = [cut(r, self.window, self.problem.hold) for r in self.records]
+        self.lead = length_text(-shift, "s")
+
+    def _withdraw_lead(self) -> None:
+        """Take the lead of the input back: what explains little of a motion does not show one."""
+        if self.lead:
+            self.records, self.windows = self.stamped
+            self.search.problem = replace(self.problem, shift=None)
+            self.lead = ""
 
     def _correct_load(self, final: Solution) -> None:
         """Correct the known load of a record by what it was found to be off."""
@@ -445,16 +454,15 @@ class _Answer:
 
     def _reject_causes(self, better: Sequence[str], final: Solution) -> bool:
         """Whether the causes explain too little to be reported, with a message if so."""
-        left = self.found.left
         slugs = [cause.effect for cause in self.causes]
         if better:
             text = f"not better than {' and '.join(better)}: no causes are reported"
         elif "inertia" not in slugs and is_pressed_to_bound(final, "mass"):
             # A mass that no one would name takes part in all forces.
             text = _IMPOSSIBLE_MASS.format(final.axis.mass / self.problem.believed.mass)
-        elif left.significant and left.fraction > MAX_UNEXPLAINED_FRACTION:
+        elif _leaves_most(self.found):
             names = ", ".join(cause.title for cause in self.causes)
-            text = _LITTLE.format(percent(left.fraction), names)
+            text = _LITTLE.format(percent(self.found.left.fraction), names)
         else:
             return False
         self.messages.append(text)
@@ -462,6 +470,7 @@ class _Answer:
 
     def _without_causes(self, final: Solution) -> Solution:
         """The nominal axis in place of the model, judged as one that leaves something."""
+        self._withdraw_lead()
         self.causes, self.model = [], Model(self.model.fit)
         final = self.law = self._nominal_fit(final)
         self._judge_fit(final)
@@ -489,7 +498,13 @@ class _Answer:
     def _limit_messages(self, final: Solution) -> list[str]:
         """Messages about what limits the answer."""
         problem = self.problem
-        found = [
+        found = list[str]()
+        if self.lead:
+            found.append(
+                f"the recorded input acts {self.lead} before its time stamp: d.record has it "
+                "shifted"
+            )
+        found += [
             f"{name} ended at a bound: the model does not fit, or the records do not determine it"
             for name in final.at_bound
         ]
@@ -520,6 +535,11 @@ class _Answer:
         if left.significant or self.found.muted or shows(self.problem, self.heard):
             return remaining_force(self.heard, left.significant, left.where, unit)
         return Remaining(unit=unit)
+
+
+def _leaves_most(found: Judged) -> bool:
+    """Whether a model leaves more than half of the squared error."""
+    return found.left.significant and found.left.fraction > MAX_UNEXPLAINED_FRACTION
 
 
 def _reference_costs(problem: Problem) -> dict[str, float]:

@@ -16,7 +16,7 @@ import numpy as np
 from dryfric_control.arrays import Floats
 from dryfric_control.diagnosis.model_view import ModelView
 from dryfric_control.diagnosis.problem import Problem
-from dryfric_control.estimation.force_residual import at_the_samples
+from dryfric_control.estimation.force_residual import at_the_mass, at_the_samples
 from dryfric_control.estimation.likelihood import BASE_LOG_DEVIATION, load_error_names
 from dryfric_control.estimation.parameters import SHIFT, values_of, with_values
 from dryfric_control.estimation.smoothed_motion import drive_at_the_mass, known_force, missing_force
@@ -83,7 +83,12 @@ class ForceView(ModelView):
         u = self.u if u is None else u
         rows = zip(self.motions, self.slices, strict=True)
         found = [missing_force(axis, m, u[part], self.load[part]) for m, part in rows]
-        return np.concatenate(found)
+        needed = np.concatenate(found)
+        if not any(effect.action == "reading" for effect in axis.effects):
+            return needed
+        hold = self.problem.hold
+        errors = [m.record.x - at_the_mass(axis, m.record, hold)[1].x for m in self.motions]
+        return needed - self._moving_force(np.concatenate(errors))
 
     def _smooth_forces(self, some: Sequence[Floats]) -> Floats:
         columns = np.stack(some, axis=1)
@@ -177,6 +182,18 @@ class ForceView(ModelView):
         # A force that the model gains is missing no more.
         return -self.scale * self._smooth_forces(some)
 
+    def of_readings(self, some: Sequence[Floats]) -> Floats:
+        # The machine moves by as much less than its readings.
+        return -self.scale * self._smooth_forces([self._moving_force(one) for one in some])
+
+    def _moving_force(self, path: Floats) -> Floats:
+        """Force that moves the axis by an addition to its path, shape (n,)."""
+        found = []
+        for part in self.slices:
+            v = np.gradient(path[part], self.dt)
+            found.append(self.axis.mass * np.gradient(v, self.dt) + self.axis.viscous * v)
+        return np.concatenate(found)
+
     def steps(self, names: Sequence[str]) -> Floats:
         found = []
         errors = self._load_errors()
@@ -224,7 +241,12 @@ class ForceView(ModelView):
             found.append(motion.spread(left[at:end]))
             at = end
         force = np.concatenate(found) * self.scale
-        return force, np.zeros(force.size)
+        # The adjoint of `_moving_force`: a difference in time is that of its opposite.
+        reading = []
+        for part in self.slices:
+            rate = np.gradient(force[part], self.dt)
+            reading.append(self.axis.mass * np.gradient(rate, self.dt) - self.axis.viscous * rate)
+        return force, np.concatenate(reading)
 
 
 def _minimise_on_grid(function: Callable[[float], float], low: float, high: float) -> float:

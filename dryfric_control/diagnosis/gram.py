@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from dryfric_control.compiled import likelihood as compiled
 from dryfric_control.diagnosis.candidates import (
+    Start,
     effect_class,
     excluded_actions,
     form_of,
     forms,
+    repeat_apart,
     with_effect,
     with_held,
 )
@@ -35,7 +37,7 @@ from dryfric_control.diagnosis.thresholds import (
     MIN_EXCHANGE_GAIN,
     MIN_PREDICTED_GAIN,
     MIN_SCREENING_FORCE,
-    NEGLIGIBLE_FORCE_RATIO,
+    NEGLIGIBLE_RATIO,
     NOISE_SCALE_ITERATIONS,
     SCREENING_FORCE_FACTORS,
 )
@@ -59,7 +61,7 @@ from dryfric_control.model.effects.columns import (
     simulated_column,
 )
 from dryfric_control.model.effects.effect import Effect
-from dryfric_control.model.effects.naming import named
+from dryfric_control.model.effects.naming import named, next_of_kind
 
 FloatArray = NDArray[np.float64]
 
@@ -109,6 +111,20 @@ class Item:
     at: tuple[int, ...]  # places in the matrix
     gain: float = -math.inf  # gain of log-likelihood in one pass, if it was simulated
     form: tuple[str, ...] = ()  # amounts of that form of the effect, if it was simulated
+
+    @property
+    def is_made_of_drive(self) -> bool:
+        """Whether its force is a part of the drive, or of the load that it holds."""
+        if self.name == REVERSAL or not self.column.force:
+            return False
+        effect = effect_class(self.name)
+        return effect.action == "input" or effect.loaded()
+
+    @cached_property
+    def example(self) -> Effect:
+        """The effect with coefficients of one."""
+        columns = self.column.force or self.column.reading
+        return effect_class(self.name)(**self.column.values([1.0] * len(columns)))
 
 
 @dataclass(frozen=True)
@@ -252,10 +268,7 @@ class Gram:
 
         Beyond, it mutes the drive, and the base with it.
         """
-        if one.name == REVERSAL or not one.column.force or self.problem.is_imposed:
-            return math.inf
-        effect = effect_class(one.name)
-        if effect.action != "input" and not effect.loaded():
+        if self.problem.is_imposed or not one.is_made_of_drive:
             return math.inf
         slides = self.here.direction != 0.0
         size = float(np.linalg.norm(one.column.force[0][slides]))
@@ -548,14 +561,15 @@ class Gram:
             found[one.name] = min(found.get(one.name, math.inf), unit * float(left @ left))
         return found
 
-    def forward_selection(self, most: int) -> list[int]:
+    def forward_selection(self, most: int, without: Collection[str] = ()) -> list[int]:
         """Items that join one after the other, those of friction after reversals among them.
 
+        `without`: effects that stay out.
         Each joins if it gains more than by chance, by the number of independent samples of what it
         leaves: before, what is missing correlates them all.
         """
         one = copy.copy(self)
-        one.g, chosen, barred = self.g.copy(), list[int](), set[str]()
+        one.g, chosen, barred = self.g.copy(), list[int](), {*without}
         left = one._residual_of(chosen)
         while len(chosen) < most:
             g = one._best_item(chosen, (REVERSAL,), barred)[1]
@@ -583,11 +597,15 @@ class Gram:
         return chosen
 
     def _exchange_items(self, chosen: list[int], barred: Collection[str]) -> list[int]:
-        """The set with each item replaced by what gains more in its place, if anything."""
+        """The set with each item replaced by what gains more in its place, or with fewer columns.
+
+        What stood in for an effect that has joined since may need no more than one of them.
+        """
         now = self.gains([chosen])[0]
         for k in range(len(chosen) - 1):
             gain, g = self._best_item([*chosen[:k], *chosen[k + 1 :]], (REVERSAL,), barred)
-            if gain > now + MIN_EXCHANGE_GAIN:
+            fewer = g >= 0 and len(self.items[g].at) < len(self.items[chosen[k]].at)
+            if gain > now + (-0.5 * MIN_EXCHANGE_GAIN if fewer else MIN_EXCHANGE_GAIN):
                 chosen = [*chosen[:k], g, *chosen[k + 1 :]]
                 now = gain
         return chosen
@@ -643,7 +661,7 @@ class Gram:
         some = [
             g
             for g, one in enumerate(self.items)
-            if one.name not in names
+            if (one.name not in names or self._is_another(one, chosen))
             and one.name not in barred
             and not (builds_up and _builds_up(one.name))
             and (
@@ -665,6 +683,22 @@ class Gram:
             return len(self.items[g].at), -gain
 
         return min(rows, key=rank, default=(-math.inf, -1))
+
+    def _is_another(self, one: Item, chosen: Sequence[int]) -> bool:
+        """Whether an item of a kind that a set has is another one, not a better shape of it."""
+        cls = effect_class(one.name) if one.name != REVERSAL else Effect
+        if not cls.repeats:
+            return False
+        records = [m.record for m in self.problem.motions]
+        alike = (self.items[g].example for g in chosen if self.items[g].name == one.name)
+        return all(repeat_apart(one.example, other, records) for other in alike)
+
+    def _names_of(self, chosen: Sequence[int]) -> tuple[str, ...]:
+        """Names of the effects of a set in the axis: another one of a kind is its next."""
+        found = list[str]()
+        for g in chosen:
+            found.append(next_of_kind(self.items[g].name, found))
+        return tuple(found)
 
     @cached_property
     def _best_shapes(self) -> dict[_Form, tuple[float, int]]:
@@ -789,15 +823,26 @@ class Gram:
                     best[k] = size, float(left[k]), one.name, values
         return best
 
-    def full_selection(self, most: int) -> tuple[list[Proposal], bool]:
-        """Starts with all effects that forward selection finds.
+    def forces_shown(self, most: int, by_drive: bool = True) -> tuple[list[int], bool]:
+        """Items of forces that forward selection finds, and whether friction after reversals joins.
 
-        And whether friction after reversals is among them.
+        `by_drive`: also what is made of the drive.
         """
-        every = self.forward_selection(most)
-        chosen = [g for g in every if self.items[g].name != REVERSAL]
-        starts = self._starts(self.gains([chosen])[0], chosen) if chosen else []
-        return starts, len(chosen) < len(every)
+        of_drive = {one.name for one in self.items if one.is_made_of_drive}
+        every = self.forward_selection(most, () if by_drive else of_drive)
+        forces = [g for g in every if self.items[g].name != REVERSAL]
+        return forces, len(forces) < len(every)
+
+    def starts(self, chosen: list[int]) -> list[Proposal]:
+        """Starts of fits with a set of items."""
+        return self._starts(self.gains([chosen])[0], chosen) if chosen else []
+
+    def first_line(self, chosen: Sequence[int]) -> Start | None:
+        """The model with the first item of a set that repeats, as it is alone."""
+        lines = [g for g in chosen if effect_class(self.items[g].name).repeats]
+        for axis, free in self._axes(lines[:1]) if lines else ():
+            return Start(axis, (*self.problem.free_of(self.fit), *free))
+        return None
 
     def proposals(self) -> list[Proposal]:
         """Starts of fits that it has not proposed yet, with the likeliest shapes in a pass."""
@@ -805,7 +850,10 @@ class Gram:
         sets: list[list[int]] = []
         new: set[frozenset[_Form]] = set()
         for gain, some in self.sets():
-            every = frozenset((self.items[g].name, self.items[g].form) for g in some)
+            every = frozenset(
+                (name, self.items[g].form)
+                for name, g in zip(self._names_of(some), some, strict=True)
+            )
             if every in self._proposed:
                 continue
             new.add(every)
@@ -868,7 +916,9 @@ class Gram:
         options = [chosen]
         for k, g in enumerate(chosen):
             others = [
-                o for o, one in enumerate(self.items) if one.name == self.items[g].name and o != g
+                o
+                for o, one in enumerate(self.items)
+                if one.name == self.items[g].name and o not in chosen
             ]
             if self.items[g].gain > -math.inf:
                 continue  # its neighbours have been simulated, too
@@ -882,8 +932,9 @@ class Gram:
         self, predicted: float, option: Sequence[int], held: FrictionAxis | None
     ) -> Iterator[Proposal]:
         """Starts with a set of items, with their costs in one pass, where these are finite."""
-        names = tuple(self.items[g].name for g in option)
-        memory = tuple(f"{self.items[g].name}." for g in option if self.items[g].gain > -math.inf)
+        names = self._names_of(option)
+        simulated = [self.items[g].gain > -math.inf for g in option]
+        memory = tuple(f"{n}." for n, one in zip(names, simulated, strict=True) if one)
         usual = not any(self.items[g].form for g in option)
         starts = (
             (one, free, usual and k == 0)
@@ -915,13 +966,13 @@ class Gram:
             at = self.fixed
             axis = self.fit.axis
             free = list[str]()
-            for g in chosen:
+            for name, g in zip(self._names_of(chosen), chosen, strict=True):
                 one = self.items[g]
                 values = one.column.values([float(v) for v in c[at : at + len(one.at)]])
                 try:
-                    start = with_effect(axis, one.name, dict(values))
+                    start = with_effect(axis, name, dict(values))
                 except ValueError as problem:
-                    self.fail(one.name, str(problem))
+                    self.fail(name, str(problem))
                     return
                 axis = start.axis
                 at = at + len(one.at)
@@ -994,7 +1045,7 @@ def _other_amounts(name: str, effect: Effect, view: View) -> Iterator[Column]:
             continue
         slides = view.direction != 0.0
         now, left = _left(np.stack(one.force, axis=1)[slides], force[slides, None])
-        if left[0] > NEGLIGIBLE_FORCE_RATIO**2 * float(force @ force):
+        if left[0] > NEGLIGIBLE_RATIO**2 * float(force @ force):
             continue
 
         def other_values(

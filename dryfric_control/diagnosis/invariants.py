@@ -10,9 +10,14 @@ from dataclasses import replace
 import numpy as np
 
 from dryfric_control.arrays import Floats
-from dryfric_control.diagnosis.candidates import free_amounts, is_within_records
+from dryfric_control.diagnosis.candidates import (
+    effect_class,
+    free_amounts,
+    is_within_records,
+    repeat_apart,
+)
 from dryfric_control.diagnosis.problem import Problem, with_found_load
-from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE
+from dryfric_control.diagnosis.thresholds import MIN_EVIDENCE, NEGLIGIBLE_RATIO
 from dryfric_control.estimation.force_residual import net_drive
 from dryfric_control.estimation.solution import Solution
 from dryfric_control.model.axis import FrictionAxis
@@ -37,8 +42,9 @@ def infeasible_reason(problem: Problem, fit: Solution, name: str, own: Sequence[
     axes = [fit.problem.axis_at(fit.z, i) for i in range(len(records))]
     if not all(named(axis)[name].plausible(axis) for axis in axes):
         return "implausible values"
-    if effect.action in ("force", "friction") and _beyond_record(problem, axes, name):
-        return "a larger force than any in the records"
+    if effect.action in ("force", "friction"):
+        if min(_force_ratios(problem, axes, name)) > 1.0:
+            return "a larger force than any in the records"
     drives = [_drive(axis, name, run.u) for axis, run in zip(axes, fit.problem.runs, strict=True)]
     if not any(effect.beyond_noise(u, fit.random_force(i)) for i, u in enumerate(drives)):
         return "no different from noise of the drive"
@@ -53,22 +59,17 @@ def infeasible_reason(problem: Problem, fit: Solution, name: str, own: Sequence[
 def _is_like_another(axis: FrictionAxis, name: str, records: Sequence[Record]) -> bool:
     """Whether one of its kind before it repeats so alike that no record holds a beat of both."""
     effects = named(axis)
-    mine = effects[name].periods
-    time = max(one.duration for one in records)
-    travel = max(one.range for one in records)
-    for other in itertools.takewhile(lambda n: n != name, effects):
-        if type(effects[other]) is type(effects[name]):
-            pairs = zip(mine, effects[other].periods, (time, travel), strict=True)
-            beats = [shown * abs(1.0 / a - 1.0 / b) for a, b, shown in pairs if a + b < math.inf]
-            if beats and max(beats) < 1.0:
-                return True
-    return False
+    return any(
+        type(effects[other]) is type(effects[name])
+        and not repeat_apart(effects[name], effects[other], records)
+        for other in itertools.takewhile(lambda n: n != name, effects)
+    )
 
 
-def _beyond_record(problem: Problem, axes: Sequence[FrictionAxis], name: str) -> bool:
-    """Whether the force of a cause is beyond all forces in the records: another one takes it back.
+def _force_ratios(problem: Problem, axes: Sequence[FrictionAxis], name: str) -> list[float]:
+    """Force of a cause over the largest of each record.
 
-    What it has beyond a nominal effect of its name counts.
+    Beyond it another one takes it back.  What it has beyond a nominal effect of its name counts.
     """
     rows = zip(axes, problem.motions, problem.runs, strict=True)
     found = []
@@ -81,8 +82,8 @@ def _beyond_record(problem: Problem, axes: Sequence[FrictionAxis], name: str) ->
         drive = float(np.linalg.norm(run.u))
         inertia = float(np.linalg.norm(motion.a))
         force = float(np.linalg.norm((forces[0] - forces[1])[way != 0]))
-        found.append(force > max(drive, problem.believed.mass * inertia))
-    return all(found)
+        found.append(force / max(drive, problem.believed.mass * inertia, 1e-300))
+    return found
 
 
 def _drive(axis: FrictionAxis, name: str, u: Floats) -> Floats:
@@ -102,7 +103,18 @@ def rejection_reason(problem: Problem, fit: Solution, name: str, own: Sequence[s
     there: dict[bool, list[bool]] = {False: [], True: []}
     for full, neutral, optional in free_amounts(name, own):
         there[optional].append(_loss(fit, full, neutral) > MIN_EVIDENCE)
-    return "" if all(there[False]) or any(there[True]) else "not determined"
+    if not (all(there[False]) or any(there[True])):
+        return "not determined"
+    return "smaller than laws of friction are right" if _is_negligible(problem, fit, name) else ""
+
+
+def _is_negligible(problem: Problem, fit: Solution, name: str) -> bool:
+    """Whether a cause is a force that is nothing beside those that move the axis."""
+    effect = effect_class(name)
+    if effect.action not in ("force", "friction") or effect.remembers:
+        return False
+    axes = [fit.problem.axis_at(fit.z, i) for i in range(len(fit.problem.runs))]
+    return max(_force_ratios(problem, axes, name)) < NEGLIGIBLE_RATIO
 
 
 def is_pressed_to_bound(fit: Solution, name: str) -> bool:

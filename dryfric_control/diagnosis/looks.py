@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dryfric_control.diagnosis.candidates import with_effect
-from dryfric_control.diagnosis.criterion import cost_of, evidence, prior_of
+from dryfric_control.diagnosis.criterion import cost_of, evidence, odds_of, prior_of
 from dryfric_control.diagnosis.gram import Proposal, screening_noises, with_force_factor
 from dryfric_control.diagnosis.invariants import infeasible_reason, rejection_reason
 from dryfric_control.diagnosis.model_view import ModelView
@@ -376,7 +376,7 @@ class ProposalFits:
         )
 
     def _row_evidence(self, fit: Solution, names: Sequence[str]) -> float:
-        return evidence(self.now, fit, [self.odds[n] for n in names])
+        return evidence(self.now, fit, [odds_of(self.odds, n) for n in names])
 
     @property
     def good(self) -> list[FittedProposal]:
@@ -443,7 +443,7 @@ class ProposalFits:
 
     def _required_gain(self, one: Proposal) -> float:
         """What the causes of a proposal cost."""
-        return sum(MIN_EVIDENCE + self.odds[n] for n in one.names)
+        return sum(MIN_EVIDENCE + odds_of(self.odds, n) for n in one.names)
 
     def _can_gain(self, look: PartialFit, top: _Top) -> bool:
         """Whether a fit may still gain what its causes cost, and as much as the best one.

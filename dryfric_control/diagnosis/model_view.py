@@ -12,7 +12,7 @@ import numpy as np
 from dryfric_control.arrays import Floats
 from dryfric_control.compiled.linear import behind_bristles
 from dryfric_control.diagnosis.candidates import effect_class
-from dryfric_control.diagnosis.thresholds import NEGLIGIBLE_FORCE_RATIO
+from dryfric_control.diagnosis.thresholds import NEGLIGIBLE_RATIO
 from dryfric_control.estimation.force_residual import net_drive
 from dryfric_control.estimation.likelihood import Point
 from dryfric_control.estimation.parameters import values_of, with_values
@@ -241,7 +241,7 @@ class ModelView:
         it acts otherwise at all its shapes.
         """
         view = cast(View, self)
-        best = NEGLIGIBLE_FORCE_RATIO
+        best = NEGLIGIBLE_RATIO
         found = None
         values = dict(zip(effect.parameters(), effect.values, strict=True))
         force = effect_contribution(type(effect), values, view)

@@ -26,7 +26,7 @@ from dryfric_control.diagnosis.thresholds import (
     MIN_EVIDENCE,
     MIN_LINE_LEAD,
     MIN_MODEL_LEAD,
-    NEGLIGIBLE_FORCE_RATIO,
+    NEGLIGIBLE_RATIO,
     SEARCH_REVERSALS,
 )
 from dryfric_control.estimation.force_view import ForceView
@@ -156,10 +156,7 @@ class Problem:
 
         What acts rarely gains no more than what its outliers cost above those of normal noise.
         """
-        if (
-            self.is_imposed
-            or not fit.largest_force < NEGLIGIBLE_FORCE_RATIO * fit.axis.coulomb.mean
-        ):
+        if self.is_imposed or not fit.largest_force < NEGLIGIBLE_RATIO * fit.axis.coulomb.mean:
             return math.inf
         return self.outliers(fit)
 

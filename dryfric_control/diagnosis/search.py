@@ -18,7 +18,7 @@ from dryfric_control.diagnosis.candidates import (
     with_effect,
     with_held,
 )
-from dryfric_control.diagnosis.criterion import cost_of, evidence, nominal_error_costs
+from dryfric_control.diagnosis.criterion import cost_of, evidence, nominal_error_costs, odds_of
 from dryfric_control.diagnosis.force_view import ForceView
 from dryfric_control.diagnosis.gram import REVERSAL, Gram, Proposal
 from dryfric_control.diagnosis.invariants import in_free_runs, rejection_reason
@@ -186,24 +186,50 @@ class Search:
         self.first = gram.single_gains | self.first
         for name, odds in gram.odds.items():
             self.odds[name] = max(odds, self.odds.get(name, 0.0))
-        starts, builds_up = gram.full_selection(MAX_CAUSES - len(names))
-        if not starts and not names:
+        shown, builds_up = gram.forces_shown(MAX_CAUSES - len(names))
+        begins = self._force_starts(gram, names)
+        if any(gram.items[g].is_made_of_drive for g in shown):
+            # The drive balances all forces, so what is made of it may take the place of any.
+            begins += self._force_starts(gram, names, by_drive=False)
+        if not begins:
             return Model(nominal), builds_up
-        begins = [Start(one.axis, (*free, *one.free)) for one in starts] or [Start(axis, free)]
-        names = (*names, *(starts[0].names if starts else ()))
-        models = self._fit_starts(begins, names)
         level_free = problem.moves_in_jumps and "coulomb" in problem.base
         if level_free and PEAK in self._candidate_effects(Model(nominal)):
-            models += self._fit_starts(map(self._with_peak, begins), (*names, PEAK))
+            begins += [(self._with_peak(start), (*causes, PEAK)) for start, causes in begins]
+        models = self._fit_starts(begins)
         return min(models, key=lambda one: one.fit.cost), builds_up
 
-    def _fit_starts(self, starts: Iterable[Start], causes: tuple[str, ...]) -> list[Model]:
-        """Models fitted from some axes."""
+    def _force_starts(
+        self, gram: Gram, names: tuple[str, ...], by_drive: bool = True
+    ) -> list[tuple[Start, tuple[str, ...]]]:
+        """Starts with the forces that a forward selection finds, with their causes.
 
-        def fit(start: Start) -> Solution:
-            return fit_beside(self.problem, start.axis, start.free, self.problem.nominal_fit)
+        What repeats joins line by line: each bends the spectrum in which the next one shows.
+        `by_drive`: also what is made of the drive.
+        """
+        problem = self.problem
+        while True:
+            shown, builds_up = gram.forces_shown(MAX_CAUSES - len(names), by_drive)
+            line = gram.first_line(shown)
+            if line is None or builds_up:
+                break
+            added = [n for n in named(line.axis) if n not in named(gram.fit.axis)]
+            names = (*names, *added)
+            fit = problem.fit(line.axis, line.free, noises_of(problem.nominal_fit), 0)
+            gram = self._by_force(fit, names)
+        free = problem.free_of(gram.fit)
+        starts = gram.starts(shown)
+        begins = [(Start(one.axis, (*free, *one.free)), (*names, *one.names)) for one in starts]
+        return begins or [(Start(gram.fit.axis, free), names)] * bool(names)
 
-        return [Model(one, causes) for one in self.problem.parallel(fit, list(starts))]
+    def _fit_starts(self, starts: Iterable[tuple[Start, tuple[str, ...]]]) -> list[Model]:
+        """Models fitted from some axes, with their causes."""
+
+        def fit(start: Start, causes: tuple[str, ...]) -> Model:
+            nominal = self.problem.nominal_fit
+            return Model(fit_beside(self.problem, start.axis, start.free, nominal), causes)
+
+        return self.problem.parallel(fit, *zip(*starts, strict=True))
 
     def _with_peak(self, start: Start) -> Start:
         """A start whose level at breakaway is that of a Stribeck peak, the sliding one nominal.
@@ -234,8 +260,9 @@ class Search:
         problem = self.problem
         if not begin.causes:
             return begin  # the search begins with an effect beside none anyway
-        if len(begin.causes) == 1 and problem.is_exhausted(begin.fit):
-            return begin  # one cause leaves nothing that another would explain
+        found = any(effect_class(n).remembers for n in begin.causes)
+        if (found or len(begin.causes) == 1) and problem.is_exhausted(begin.fit):
+            return begin  # these leave nothing that another would explain
         alone = Model(problem.fit(problem.believed, noises=noises_of(problem.nominal_fit)))
         some = {n for n in self._candidate_effects(alone) if effect_class(n).remembers}
         row = self._select_proposal(alone, self.round(alone, among=some) if some else ())
@@ -631,18 +658,32 @@ class Search:
         return max(STRONG_EVIDENCE, STRONG_EVIDENCE_FRACTION * most)
 
     def _remove_implausible(self, now: Model) -> Model:
-        """The model without causes that are none: those cost a pass each to see, no fit."""
-        while now.causes and not self.problem.is_overdue:
-            lost = (
-                n
-                for n in now.causes
-                if rejection_reason(self.problem, now.fit, n, now.cause_parameters(n))
-            )
-            name = next(lost, None)
+        """The model without causes that are none: those cost a pass each to see, no fit.
+
+        Its shape rejects such a cause, not its force, which may hide others: a simpler effect that
+        acts as it does takes its place.
+        """
+        while not self.problem.is_overdue:
+            name = next((n for n in now.causes if self._is_implausible(now, n)), None)
             if name is None:
                 break
-            now = now.less[name] if name in now.less else self.remove_cause(now, name)
+            less = now.less[name] if name in now.less else self.remove_cause(now, name)
+            now = self._with_stand_in(now, name, less)
         return now
+
+    def _is_implausible(self, now: Model, name: str) -> bool:
+        """Whether a cause of a model cannot be one."""
+        return bool(rejection_reason(self.problem, now.fit, name, now.cause_parameters(name)))
+
+    def _with_stand_in(self, now: Model, name: str, less: Model) -> Model:
+        """The model with the simplest effect that acts as a rejected cause does, or without it."""
+        merges = self._by_force(now.fit, now.causes).merges([name])
+        for _, other, axis, free in merges:
+            causes = (*self.problem.free_without(now.causes, name), other)
+            model = Model(fit_beside(self.problem, axis, free, now.fit), causes)
+            if not self._is_implausible(model, other) and self.net_evidence(model, less) > 0.0:
+                return model
+        return less
 
     def _is_visible(self, less: Solution, more: Solution) -> bool:
         """Whether a cause shows in free runs too, unless it is there for simpler assumptions.
@@ -661,7 +702,7 @@ class Search:
         return fall < -max(MIN_SCORE_FALL, MIN_SCORE_FALL_ERRORS * error)
 
     def _odds(self, name: str) -> float:
-        return self.odds.get(name, self.odds.get(effect_class(name).slug, 0.0))
+        return odds_of(self.odds, name)
 
     def exchange_cause(self, now: Model) -> Model:
         """The model with a cause exchanged for what explains more in its place, if anything.

@@ -31,9 +31,10 @@ MIN_EXCHANGE_GAIN = 2.0
 # Part of a column outside the span of others up to which it does the same, and of an amount by
 # which it may differ between the halves of a record.
 MAX_SAME_RESIDUAL = 0.3
-# Ratio of forces up to which one counts as nothing: what another effect leaves, over the force of
-# an effect; a random force in which no cause is left to find, over the Coulomb level.
-NEGLIGIBLE_FORCE_RATIO = 1e-3
+# Ratio up to which one counts as nothing beside the other: the force that another effect leaves and
+# that of an effect; a random force in which no cause is left to find and the Coulomb level; a cause
+# and the drive; the error that is left and that of the nominal axis.
+NEGLIGIBLE_RATIO = 1e-3
 # Factors of the parameters of a shape with a memory: steps of the coarse grid, which is searched
 # at a large random force.
 GRID_FACTORS = ((0.3, 0.5, 0.7, 1.4, 2.0, 3.0), (0.85, 1.2))

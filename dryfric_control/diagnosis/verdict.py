@@ -20,6 +20,7 @@ from dryfric_control.diagnosis.thresholds import (
     MAX_OUTLIER_FRACTION,
     MAX_REPLAYED_WINDOWS,
     MAX_WHITE_RESIDUAL_RATIO,
+    NEGLIGIBLE_RATIO,
     REPLAY_COUNT,
 )
 from dryfric_control.estimation.input_noise import before_rounding
@@ -241,6 +242,8 @@ def _motion(problem: Problem, windows: Sequence[Windows], final: Solution) -> Ju
     if replays:
         gain = replace(gain, floor=usual_rms(replays))
         structured = structured or far_above(*_but_the_worst(squares[2], replays))
+    # Beside which no law of friction is right.
+    structured = structured and gain.after > NEGLIGIBLE_RATIO * gain.before
     left = Unexplained(gain.left if structured else 0.0, structured, tuple(places[:3]))
     return Judged(gain, left, _is_worse(rows, gain))
 

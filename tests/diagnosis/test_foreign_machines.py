@@ -123,6 +123,38 @@ def peaked_stage(u, dt, steps, mass, bias, excess, speed):
     return readings
 
 
+@njit
+def magnet_stage(reference, dt, steps):
+    """Drive and readings of a stage with two lines of cogging and a constant force, in a loop."""
+    x, v = 0.0, 0.0
+    drive, readings = np.empty(reference.size), np.empty(reference.size)
+    for i in range(reference.size):
+        readings[i] = 2e-8 * np.round(x / 2e-8)
+        u = drive[i] = 0.005 * np.round((9000.0 * (reference[i] - x) - 350.0 * v) / 0.005)
+        for _ in range(steps):
+            cogging = 1.1 * np.sin(2.0 * np.pi * x / 0.024 + 0.8)
+            cogging += 0.45 * np.sin(2.0 * np.pi * x / 0.012 - 1.0)
+            x, v = stepped(x, v, u - 13.0 * v + 0.7 + cogging, 3.2, 4.2, dt / steps)
+    return drive, readings
+
+
+def test_two_lines_of_cogging_and_a_constant_force_that_hide_each_other():
+    dt = 1e-3
+    t = dt * np.arange(5000)
+    u, x = magnet_stage(0.06 * (1.0 - np.cos(2.0 * np.pi * 0.3 * t)), dt, 200)
+    axis = dfc.FrictionAxis(mass=4.2, viscous=10.0, coulomb=3.2)
+    found = dfc.diagnose(axis, dfc.Record(t, u, x, units={"u": "N", "x": "m"}), progress=False)
+    # Each alone, and each pair of the forces, predicts no better than none of them.
+    assert found.verdict == "explained"
+    assert {*causes(found)} == {"cogging", "cogging_2", "bias_force", "viscous"}
+    effects = found.extended.named_effects()
+    lines = sorted((effects["cogging"], effects["cogging_2"]), key=lambda one: -one.period)
+    assert [one.period for one in lines] == pytest.approx([0.024, 0.012], rel=1e-3)
+    assert [one.amplitude for one in lines] == pytest.approx([1.1, 0.45], rel=0.01)
+    assert effects["bias_force"].force == pytest.approx(0.7, rel=0.01)
+    assert found.extended.viscous == pytest.approx(13.0, rel=0.01)
+
+
 def swept(t):
     """Drive that moves and holds a stage of 7 N."""
     return 11.0 * np.sin(2.0 * np.pi * 0.5 * t) + 7.0 * np.sin(2.0 * np.pi * 1.7 * t + 1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import fields
 from typing import Any
 
@@ -39,6 +39,14 @@ def renumber_names(names: Iterable[str], taken: str) -> list[str]:
             f"{_numbered_name(slug, k - 1)}{dot}{part}" if other == slug and k > number else name
         )
     return found
+
+
+def next_of_kind(name: str, taken: Collection[str]) -> str:
+    """The name, or that of the next effect of its kind which is not taken."""
+    slug, number = _split(name)
+    while _numbered_name(slug, number) in taken:
+        number += 1
+    return _numbered_name(slug, number)
 
 
 def named(axis: BaseAxis) -> dict[str, Effect]:

@@ -112,7 +112,7 @@ _IMPOSSIBLE_MASS = (
 )
 _LITTLE = (
     "{} of the error is left by the best set of candidates, so none is reported as a cause: what "
-    "acts is not in the catalogue; nearest to it: {}"
+    "acts is not in the catalogue, or several effects hide each other; nearest to it: {}"
 )
 _CHANGES = (
     "what fits the first half of the record does not fit the second half, and the difference is "
@@ -335,6 +335,7 @@ class _Answer:
         """Judge what the model explains and describe it."""
         references = _reference_costs(self.problem)
         self.search.problem = replace(self.problem, until=self.end)
+        self.model = self.search.without_followers(self.model)
         self.tell("all data", self.model.causes)
         final = self.law = self._final_fit()
         self._shift_records(final)

@@ -646,10 +646,26 @@ class Search:
         """Whether free runs leave a cause in a model; `alone`: evidence that needs none."""
         effect = effect_class(name)
         less = now.less[name].fit
-        filtered = effect.action in _OTHER_STATES and not self.problem.is_imposed
-        if now.worth[name] < alone or filtered:
+        if now.worth[name] < alone or self._has_other_states(name):
             return self._is_visible(less, now.fit)
         return not (effect.remembers and self._is_harmful(less, now.fit))
+
+    def without_followers(self, now: Model) -> Model:
+        """The model without causes that give the filter other states, if what acts is unknown.
+
+        Under a random force that mutes the friction these states follow the readings, whatever
+        the values of the cause.
+        """
+        while self.problem.is_muted(now.fit) and not self.problem.is_overdue:
+            name = next((n for n in now.causes if self._has_other_states(n)), None)
+            if name is None:
+                break
+            now = self.remove_cause(now, name)
+        return now
+
+    def _has_other_states(self, name: str) -> bool:
+        """Whether a cause gives the filter other states, by which it follows the readings."""
+        return effect_class(name).action in _OTHER_STATES and not self.problem.is_imposed
 
     @staticmethod
     def _strong_evidence(now: Model) -> float:

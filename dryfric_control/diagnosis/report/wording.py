@@ -19,6 +19,7 @@ from dryfric_control.diagnosis.report.findings import (
     short_cause_text,
     with_error,
 )
+from dryfric_control.diagnosis.thresholds import MIN_MODEL_LEAD
 from dryfric_control.estimation.likelihood import BASE
 from dryfric_control.estimation.parameters import base_unit, values_of
 from dryfric_control.model.axis import FrictionAxis
@@ -57,8 +58,10 @@ def check_text(d: Findings) -> str:
     if d.main_causes:
         cause = d.main_causes[0]
         return f"{cause.title}: {cause.experiment[:1].lower()}{cause.experiment[1:]}"
-    if d.is_muted:
+    if d.is_muted and not _drive_moves_it(d):
         return "units, signs and clocks of the record, then what else pushes the axis."
+    if d.is_muted:
+        return "what else pushes the axis: record.force_map(axis) shows over what it acts."
     if d.unexplained.significant and d.unexplained.where:
         return f"what happens where the error is largest: {places_text(d)}."
     if d.unexplained.significant:
@@ -68,6 +71,12 @@ def check_text(d: Findings) -> str:
     if d.verdict in _SETTLED:
         return "nothing, as long as it moves as in this record; other motions are not tested."
     return "what the warnings name: the record does not settle what is wrong."
+
+
+def _drive_moves_it(d: Findings) -> bool:
+    """Whether the nominal axis clearly beats a straight line: the units of its drive are right."""
+    lead = d.references.get("straight line", 0.0) - d.references.get("nominal axis", 0.0)
+    return lead > MIN_MODEL_LEAD * sum(map(len, (d.record, *d.others)))
 
 
 def levels(axis: FrictionAxis, x: Floats, direction: int) -> list[float]:
@@ -186,11 +195,12 @@ def next_steps(d: Findings) -> list[str]:
         steps.append("Use the nominal axis as it is, for motions like those in this record.")
     elif d.causes:
         steps.append("Use the axis with the causes instead of the nominal one, see below.")
-    if d.is_muted:
+    if d.is_muted and not _drive_moves_it(d):
         steps.append(
             "Look at the record first, d.record.check(d.axis): its units, factors and signs, "
             "whether u is the force that acted, and whether u and x have one clock."
         )
+    if d.is_muted:
         steps.append(
             "Find what else pushes the axis: keep it away, or record it as load=... and diagnose "
             "again."

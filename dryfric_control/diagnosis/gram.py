@@ -840,9 +840,12 @@ class Gram:
         return self._starts(self.gains([chosen])[0], chosen) if chosen else []
 
     def first_line(self, chosen: Sequence[int]) -> Start | None:
-        """The model with the first item of a set that repeats, as it is alone."""
-        lines = [g for g in chosen if effect_class(self.items[g].name).repeats]
-        for axis, free in self._axes(lines[:1]) if lines else ():
+        """The model with items of a set up to the first that repeats."""
+        repeats = [effect_class(self.items[g].name).repeats for g in chosen]
+        if True not in repeats:
+            return None
+        some = [*chosen[: repeats.index(True) + 1]]
+        for axis, free in self._axes(some):
             return Start(axis, (*self.problem.free_of(self.fit), *free))
         return None
 

@@ -105,10 +105,10 @@ def rejection_reason(problem: Problem, fit: Solution, name: str, own: Sequence[s
         there[optional].append(_loss(fit, full, neutral) > MIN_EVIDENCE)
     if not (all(there[False]) or any(there[True])):
         return "not determined"
-    return "smaller than laws of friction are right" if _is_negligible(problem, fit, name) else ""
+    return "smaller than laws of friction are right" if is_negligible(problem, fit, name) else ""
 
 
-def _is_negligible(problem: Problem, fit: Solution, name: str) -> bool:
+def is_negligible(problem: Problem, fit: Solution, name: str) -> bool:
     """Whether a cause is a force that is nothing beside those that move the axis."""
     effect = effect_class(name)
     if effect.action not in ("force", "friction") or effect.remembers:

@@ -10,8 +10,9 @@ from diagnosis_cases import among, driven
 import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import forms, held_by, is_within_records, with_held
 from dryfric_control.diagnosis.causes import cause_of, changing_cause, hardly_determined
+from dryfric_control.diagnosis.force_view import ForceView
 from dryfric_control.diagnosis.gram import Gram, Proposal
-from dryfric_control.diagnosis.invariants import infeasible_reason, rejection_reason
+from dryfric_control.diagnosis.invariants import infeasible_reason, is_negligible, rejection_reason
 from dryfric_control.diagnosis.looks import ProposalFits
 from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.diagnosis.search import Model, Search
@@ -185,6 +186,34 @@ def test_a_cause_that_acts_in_one_half_alone_is_the_same_throughout():
 
 
 # -- what no machine can have, and what is looked at again -------------------------------
+
+
+@pytest.mark.parametrize("force, reason", [(0.01, True), (0.2, False)])
+def test_a_force_below_a_thousandth_of_the_drive_is_no_cause(sprung, force, reason):
+    bias = dfc.effects.BiasForce(force=force)
+    fit = sprung.fit(SPRUNG.replace(effects=(*SPRUNG.effects, bias)), SPRING, turns=0)
+    assert is_negligible(sprung, fit, "bias_force") is reason
+
+
+def test_slopes_of_the_force_view_are_those_of_its_columns():
+    record = driven(SPRUNG)
+    view = ForceView(Problem(AXIS, (prepare(record),)), AXIS)
+    rng = np.random.default_rng(4)
+    left = rng.standard_normal(view.y.size)
+    # Differences at the ends of a record are one-sided.
+    inside = np.where((record.t > 0.2) & (record.t < 2.8), 1.0, 0.0)
+    change = inside * rng.standard_normal(len(record))
+    force, reading = view.slopes(left)
+    assert left @ view.of_forces([change])[:, 0] == pytest.approx(-force @ change, rel=1e-9)
+    assert left @ view.of_readings([change])[:, 0] == pytest.approx(-reading @ change, rel=1e-9)
+
+
+def test_the_force_view_knows_an_eccentric_encoder_of_its_axis():
+    wheel = dfc.effects.EccentricEncoder(amplitude=2e-4, period=0.03, phase=0.4)
+    machine = AXIS.replace(effects=(wheel,))
+    problem = Problem(AXIS, (prepare(driven(machine)),))
+    without, known = (ForceView(problem, axis) for axis in (AXIS, machine))
+    assert known.squares < 0.02 * without.squares
 
 
 @pytest.mark.parametrize("apart, reason", [(1e-4, "implausible values"), (0.25, "")])

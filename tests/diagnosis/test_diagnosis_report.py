@@ -311,6 +311,20 @@ def test_parts_of_a_diagnosis_show_themselves(found, nothing):
     assert found.unexplained.to_dict()["fraction"] == float(found.unexplained)
 
 
+@pytest.mark.parametrize(("lead", "doubted"), [(-50.0, True), (1e5, False)])
+def test_units_are_doubted_only_where_the_drive_explains_nothing(nothing, lead, doubted):
+    level = nothing.extended.coulomb.mean
+    loud = replace(
+        nothing, verdict="unexplained", remaining=Remaining(5.0 * level),
+        references={"nominal axis": 0.0, "straight line": lead},
+    )  # fmt: skip
+    text = " ".join(loud.details().split())
+    assert ("units, signs and clocks" in text) is doubted
+    assert ("force_map" in text) is not doubted
+    steps = " ".join(wording.next_steps(loud))
+    assert ("units, factors and signs" in steps) is doubted and "keep it away" in steps
+
+
 def test_no_sentence_says_that_all_is_well_where_a_random_force_hides_it(nothing):
     settled = "nothing, as long as it moves"
     assert settled in nothing.details() and not nothing.is_muted

@@ -15,6 +15,7 @@ from truth import make_case
 import dryfric_control as dfc
 from dryfric_control.diagnosis import search as search_module
 from dryfric_control.diagnosis.diagnose import _Answer
+from dryfric_control.diagnosis.problem import Problem
 from dryfric_control.estimation.windows import cut
 from dryfric_control.identification import slow_ramp_experiment
 from dryfric_control.identification.stribeck import stick_phases
@@ -213,6 +214,16 @@ def test_the_answer_hangs_on_no_name_and_no_order():
     assert causes(found) == causes(right)
     # The order in which candidates are fitted leaves no trace in the numbers.
     assert found.causes[0].parameters == right.causes[0].parameters
+
+
+def test_a_model_that_explains_nothing_states_no_lead_of_the_input():
+    answer = _Answer(
+        SimpleNamespace(problem=Problem(BASE, (), shift=-4e-3)), None, (), ["shifted"], ["late"],
+        0.25, print, 0.0, [], lead="4 ms", stamped=(["as recorded"], ["in time"]),
+    )  # fmt: skip
+    answer._withdraw_lead()
+    assert (answer.records, answer.windows, answer.lead) == (["as recorded"], ["in time"], "")
+    assert answer.problem.shift is None
 
 
 @pytest.mark.parametrize(

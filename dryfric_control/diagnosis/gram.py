@@ -839,14 +839,15 @@ class Gram:
         """Starts of fits with a set of items."""
         return self._starts(self.gains([chosen])[0], chosen) if chosen else []
 
-    def first_line(self, chosen: Sequence[int]) -> Start | None:
-        """The model with items of a set up to the first that repeats."""
+    def first_line(self, chosen: Sequence[int]) -> tuple[Start, tuple[str, ...]] | None:
+        """The model with items of a set up to the first that repeats, and their names."""
         repeats = [effect_class(self.items[g].name).repeats for g in chosen]
         if True not in repeats:
             return None
         some = [*chosen[: repeats.index(True) + 1]]
         for axis, free in self._axes(some):
-            return Start(axis, (*self.problem.free_of(self.fit), *free))
+            start = Start(axis, (*self.problem.free_of(self.fit), *free))
+            return start, self._names_of(some)
         return None
 
     def proposals(self) -> list[Proposal]:

@@ -213,9 +213,9 @@ class Search:
             line = gram.first_line(shown)
             if line is None or builds_up:
                 break
-            added = [n for n in named(line.axis) if n not in named(gram.fit.axis)]
+            start, added = line
             names = (*names, *added)
-            fit = problem.fit(line.axis, line.free, noises_of(problem.nominal_fit), 0)
+            fit = problem.fit(start.axis, start.free, noises_of(problem.nominal_fit), 0)
             gram = self._by_force(fit, names)
         free = problem.free_of(gram.fit)
         starts = gram.starts(shown)
@@ -734,9 +734,11 @@ class Search:
         for name in sorted(now.worth, key=now.worth.__getitem__)[:MAX_EXCHANGED_CAUSES]:
             less = now.less[name]
             rivals = self._substitute_effects(less, name)
-            # Those of a kind are counted again without it: it would be the last of them.
+            # Those of a kind are counted again without it: it would be the last of them.  One that
+            # the nominal axis has keeps its name.
             alike = [n for n in catalogue(less.fit.axis) if effect_class(n) is effect_class(name)]
-            known = (max(alike, default=name), now.fit)
+            nominal = name in named(self.problem.believed)
+            known = (name if nominal else max(alike, default=name), now.fit)
             for row in self.round(less, now.fit, rivals, known) if rivals else ():
                 causes = (*less.causes, *row.names)
                 same = {*causes} == {*now.causes} or len(causes) > MAX_CAUSES

@@ -155,6 +155,20 @@ def test_two_lines_of_cogging_and_a_constant_force_that_hide_each_other():
     assert found.extended.viscous == pytest.approx(13.0, rel=0.01)
 
 
+def test_a_second_line_is_found_beside_a_nominal_one_with_wrong_numbers():
+    dt = 1e-3
+    t = dt * np.arange(5000)
+    u, x = magnet_stage(0.06 * (1.0 - np.cos(2.0 * np.pi * 0.3 * t)), dt, 200)
+    line = dfc.effects.Cogging(amplitude=0.8, period=0.024, phase=0.2)
+    axis = dfc.FrictionAxis(mass=4.2, viscous=10.0, coulomb=3.2, effects=(line,))
+    found = dfc.diagnose(axis, dfc.Record(t, u, x, units={"u": "N", "x": "m"}), progress=False)
+    assert found.verdict == "explained"
+    assert {"cogging", "cogging_2", "viscous"} < {*causes(found)} and len(found.causes) == 4
+    effects = found.extended.named_effects()
+    assert effects["cogging"].amplitude == pytest.approx(1.1, rel=0.01)
+    assert effects["cogging_2"].amplitude == pytest.approx(0.45, rel=0.01)
+
+
 def swept(t):
     """Drive that moves and holds a stage of 7 N."""
     return 11.0 * np.sin(2.0 * np.pi * 0.5 * t) + 7.0 * np.sin(2.0 * np.pi * 1.7 * t + 1.0)

@@ -113,6 +113,11 @@ class Item:
     form: tuple[str, ...] = ()  # amounts of that form of the effect, if it was simulated
 
     @property
+    def repeats(self) -> bool:
+        """Whether an axis may have several of the effect."""
+        return self.name != REVERSAL and effect_class(self.name).repeats
+
+    @property
     def is_made_of_drive(self) -> bool:
         """Whether its force is a part of the drive, or of the load that it holds."""
         if self.name == REVERSAL or not self.column.force:
@@ -688,8 +693,7 @@ class Gram:
 
     def _is_another(self, one: Item, chosen: Sequence[int]) -> bool:
         """Whether an item of a kind that a set has is another one, not a better shape of it."""
-        cls = effect_class(one.name) if one.name != REVERSAL else Effect
-        if not cls.repeats:
+        if not one.repeats:
             return False
         records = [m.record for m in self.problem.motions]
         alike = (self.items[g].example for g in chosen if self.items[g].name == one.name)
@@ -841,14 +845,15 @@ class Gram:
 
     def first_line(self, chosen: Sequence[int]) -> tuple[Start, tuple[str, ...]] | None:
         """The model with items of a set up to the first that repeats, and their names."""
-        repeats = [effect_class(self.items[g].name).repeats for g in chosen]
-        if True not in repeats:
+        last = next((k for k, g in enumerate(chosen) if self.items[g].repeats), None)
+        if last is None:
             return None
-        some = [*chosen[: repeats.index(True) + 1]]
-        for axis, free in self._axes(some):
-            start = Start(axis, (*self.problem.free_of(self.fit), *free))
-            return start, self._names_of(some)
-        return None
+        some = [*chosen[: last + 1]]
+        found = next(self._axes(some), None)
+        if found is None:
+            return None
+        axis, free = found
+        return Start(axis, (*self.problem.free_of(self.fit), *free)), self._names_of(some)
 
     def proposals(self) -> list[Proposal]:
         """Starts of fits that it has not proposed yet, with the likeliest shapes in a pass."""

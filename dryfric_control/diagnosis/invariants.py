@@ -42,9 +42,8 @@ def infeasible_reason(problem: Problem, fit: Solution, name: str, own: Sequence[
     axes = [fit.problem.axis_at(fit.z, i) for i in range(len(records))]
     if not all(named(axis)[name].plausible(axis) for axis in axes):
         return "implausible values"
-    if effect.action in ("force", "friction"):
-        if min(_force_ratios(problem, axes, name)) > 1.0:
-            return "a larger force than any in the records"
+    if min(_force_ratios(problem, fit, name), default=0.0) > 1.0:
+        return "a larger force than any in the records"
     drives = [_drive(axis, name, run.u) for axis, run in zip(axes, fit.problem.runs, strict=True)]
     if not any(effect.beyond_noise(u, fit.random_force(i)) for i, u in enumerate(drives)):
         return "no different from noise of the drive"
@@ -66,14 +65,17 @@ def _is_like_another(axis: FrictionAxis, name: str, records: Sequence[Record]) -
     )
 
 
-def _force_ratios(problem: Problem, axes: Sequence[FrictionAxis], name: str) -> list[float]:
-    """Force of a cause over the largest of each record.
+def _force_ratios(problem: Problem, fit: Solution, name: str) -> list[float]:
+    """Force of a cause over the largest of each record; none where the motion tells no force of it.
 
     Beyond it another one takes it back.  What it has beyond a nominal effect of its name counts.
     """
-    rows = zip(axes, problem.motions, problem.runs, strict=True)
+    effect = effect_class(name)
+    if effect.action not in ("force", "friction") or effect.remembers:
+        return []
     found = []
-    for axis, motion, run in rows:
+    for i, (motion, run) in enumerate(zip(problem.motions, problem.runs, strict=True)):
+        axis = fit.problem.axis_at(fit.z, i)
         bare = problem.remove_effects(axis, name)
         way = motion.direction.astype(np.int64)
         forces = [
@@ -110,11 +112,7 @@ def rejection_reason(problem: Problem, fit: Solution, name: str, own: Sequence[s
 
 def is_negligible(problem: Problem, fit: Solution, name: str) -> bool:
     """Whether a cause is a force that is nothing beside those that move the axis."""
-    effect = effect_class(name)
-    if effect.action not in ("force", "friction") or effect.remembers:
-        return False
-    axes = [fit.problem.axis_at(fit.z, i) for i in range(len(fit.problem.runs))]
-    return max(_force_ratios(problem, axes, name)) < NEGLIGIBLE_RATIO
+    return max(_force_ratios(problem, fit, name), default=math.inf) < NEGLIGIBLE_RATIO
 
 
 def is_pressed_to_bound(fit: Solution, name: str) -> bool:

@@ -186,11 +186,13 @@ class Search:
         self.first = gram.single_gains | self.first
         for name, odds in gram.odds.items():
             self.odds[name] = max(odds, self.odds.get(name, 0.0))
-        shown, builds_up = gram.forces_shown(MAX_CAUSES - len(names))
-        begins = self._force_starts(gram, names)
+        room = MAX_CAUSES - len(names)
+        shown, builds_up = gram.forces_shown(room)
+        begins = self._force_starts(gram, names, shown, builds_up)
         if any(gram.items[g].is_made_of_drive for g in shown):
             # The drive balances all forces, so what is made of it may take the place of any.
-            begins += self._force_starts(gram, names, by_drive=False)
+            others = gram.forces_shown(room, by_drive=False)
+            begins += self._force_starts(gram, names, *others, by_drive=False)
         if not begins:
             return Model(nominal), builds_up
         level_free = problem.moves_in_jumps and "coulomb" in problem.base
@@ -200,23 +202,26 @@ class Search:
         return min(models, key=lambda one: one.fit.cost), builds_up
 
     def _force_starts(
-        self, gram: Gram, names: tuple[str, ...], by_drive: bool = True
+        self,
+        gram: Gram,
+        names: tuple[str, ...],
+        shown: list[int],
+        builds_up: bool,
+        by_drive: bool = True,
     ) -> list[tuple[Start, tuple[str, ...]]]:
-        """Starts with the forces that a forward selection finds, with their causes.
+        """Starts with the forces that a forward selection has shown, with their causes.
 
-        What repeats joins line by line: each bends the spectrum in which the next one shows.
+        What repeats joins line by line: each bends the spectrum in which the next one shows; not
+        where friction builds up after reversals, which bends it, too.
         `by_drive`: also what is made of the drive.
         """
         problem = self.problem
-        while True:
-            shown, builds_up = gram.forces_shown(MAX_CAUSES - len(names), by_drive)
-            line = gram.first_line(shown)
-            if line is None or builds_up:
-                break
+        while not builds_up and (line := gram.first_line(shown)) is not None:
             start, added = line
             names = (*names, *added)
             fit = problem.fit(start.axis, start.free, noises_of(problem.nominal_fit), 0)
             gram = self._by_force(fit, names)
+            shown, builds_up = gram.forces_shown(MAX_CAUSES - len(names), by_drive)
         free = problem.free_of(gram.fit)
         starts = gram.starts(shown)
         begins = [(Start(one.axis, (*free, *one.free)), (*names, *one.names)) for one in starts]
@@ -693,6 +698,8 @@ class Search:
 
     def _with_stand_in(self, now: Model, name: str, less: Model) -> Model:
         """The model with the simplest effect that acts as a rejected cause does, or without it."""
+        if self.net_evidence(now, less) <= 0.0:
+            return less  # what brings nothing needs none
         merges = self._by_force(now.fit, now.causes).merges([name])
         for _, other, axis, free in merges:
             causes = (*self.problem.free_without(now.causes, name), other)

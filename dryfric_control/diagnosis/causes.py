@@ -184,9 +184,8 @@ def _wrong_base(
         effect, _, part = name.partition(".")
         change = value - nominal
         if (
-            abs(change) <= MAX_RIGHT_ERROR * abs(nominal)
+            _is_hidden(search, final, name, change)
             or abs(change) < MIN_STANDARD_ERRORS * spread
-            or abs(change) * _size(search, name) < MIN_FORCE_TO_NOISE_RATIO * final.random_force()
             or (part and effect in model.causes)
         ):
             continue
@@ -198,6 +197,13 @@ def _wrong_base(
         slug, own = (effect, {part: name}) if part else (SLUGS[name], {name: name})
         found.append((gain, cause_of(problem.believed, slug, own, fitted, (gain, error))))
     return [cause for _, cause in sorted(found, key=lambda one: -one[0])]
+
+
+def _is_hidden(search: Search, final: Solution, name: str, change: float) -> bool:
+    """Whether a change of a base parameter is too small, or its force beside the random one."""
+    noise = MIN_FORCE_TO_NOISE_RATIO * final.random_force()
+    right = MAX_RIGHT_ERROR * abs(search.problem.nominal[name])
+    return abs(change) <= right or abs(change) * _size(search, name) < noise
 
 
 def _differ_in_scale(problem: Problem, *two: Cause) -> bool:
@@ -352,6 +358,7 @@ def changing_cause(search: Search, model: Model, final: Solution) -> str:
     """The cause or base parameter that differs most between the halves of the records, if any does.
 
     What differs by a part of its amount gains a quarter of that part's square of what it brings.
+    A base parameter that differs by less than an error of it that would be named is the same.
     """
     falls = {"": search.problem.nominal_fit.cost - final.cost + prior_of(final)}
     own = {"": {*final.problem.names}} | {name: {name} for name in BASE}
@@ -360,16 +367,23 @@ def changing_cause(search: Search, model: Model, final: Solution) -> str:
         if less is not None:
             falls[name] = less.fit.cost - prior_of(less.fit) - model.fit.cost + prior_of(model.fit)
     halves = {name: final.in_halves(names) for name, names in own.items()}
-    gains = {name: final.cost - fit.cost for name, fit in halves.items()}
+    gains = {name: final.cost - both.cost for name, (both, _) in halves.items()}
     apart = (
         gains[name]
         > max(
-            long_run(halves[name]) * (MIN_EVIDENCE + len(own[name])),
+            long_run(halves[name][0]) * (MIN_EVIDENCE + len(own[name])),
             (0.5 * MAX_SAME_RESIDUAL) ** 2 * fall,
         )
         for name, fall in falls.items()
     )
-    return max(filter(None, own), key=gains.__getitem__) if any(apart) else ""
+    if not any(apart):
+        return ""
+    most = max(filter(None, own), key=gains.__getitem__)
+    if most not in BASE:
+        return most
+    axes = (final.problem.axis_at(z) for z in halves[most][1])
+    first, second = (values_of(axis, [most])[0] for axis in axes)
+    return "" if _is_hidden(search, final, most, second - first) else most
 
 
 def scale_forces(axis: FrictionAxis, scale: float) -> FrictionAxis:

@@ -237,26 +237,27 @@ class Solution:
                 costs[mine] = here
         return costs, (found[0], found[1]), half
 
-    def in_halves(self, names: Collection[str]) -> Solution:
+    def in_halves(self, names: Collection[str]) -> tuple[Solution, tuple[Floats, Floats]]:
         """The same with other values of some parameters in each half of every record.
 
-        Its coordinates are those of all data, its cost and its point those of both halves.
+        Its coordinates are those of all data, its cost and its point those of both halves, whose
+        own coordinates are the second result.
         """
         runs, moved = self.problem.runs, np.zeros(self.z.size, bool)
         moved[: len(self.problem.names)] = np.isin(self.problem.names, [*names])
         late = np.concatenate([np.arange(r.edges.size - 1) >= r.edges.size // 2 for r in runs])
-        halves = [self._refit_without(mine, moved)[1] for mine in (late, ~late)]
+        (z1, first), (z2, second) = (self._refit_without(mine, moved) for mine in (late, ~late))
 
         def join_halves(first: list[Floats], second: list[Floats]) -> list[Floats]:
             middle = (run.edges[run.edges.size // 2] for run in runs)
             rows = zip(first, second, middle, strict=True)
             return [np.concatenate((a[:, :k], b[:, k:]), axis=1) for a, b, k in rows]
 
-        first, second = halves
         out = join_halves(first.out, second.out)
         both = Point(0.0, out, join_halves(first.states, second.states))
         cost = float(self._blocks(both).sum()) + self.problem.prior(self.z)
-        return replace(self, point=replace(both, cost=cost), by_recursion=False)
+        whole = replace(self, point=replace(both, cost=cost), by_recursion=False)
+        return whole, (z1, z2)
 
     def held_out(self) -> Floats:
         """Held-out cost of each block: under parameters fitted without its half."""

@@ -78,6 +78,9 @@ def some_effect(slug: str, rng: np.random.Generator) -> fx.Effect:
         "gravity": lambda: fx.Gravity(near(1.0, 10.0), turn),
         "cogging": lambda: fx.Cogging(near(0.3, 8.0), near(5e-4, 2e-2), turn),
         "time_periodic": lambda: fx.TimePeriodic(near(0.5, 15.0), near(1.0, 600.0), turn),
+        "position_force": lambda: fx.PositionForce(
+            rng.uniform(-0.01, 0.01), near(0.01, 0.1), *rng.normal(0.0, 0.3, 13)
+        ),
         "coulomb_asymmetry": lambda: fx.CoulombAsymmetry(sign() * near(0.3, 3.0)),
         "position_dependence": lambda: fx.PositionDependence(
             sign() * near(1.0, 20.0), sign() * near(10.0, 300.0), rng.uniform(-0.01, 0.01)

@@ -182,6 +182,9 @@ EFFECTS: dict[str, Callable[[Draw], fx.Effect]] = {
     "time_periodic": lambda d: fx.TimePeriodic(
         d.level * d.decade(-1.5, 0.7), d.decade(-1.0, 2.5), d.phase
     ),
+    "position_force": lambda d: fx.PositionForce(
+        0.0, d.decade(-2.0, -0.5), *(0.3 * d.level * d.rng.normal(0.0, 1.0, 13))
+    ),
     "end_stop": lambda d: fx.EndStop(
         -d.decade(-3.0, -1.0), d.decade(-3.0, -1.0), d.level * d.decade(1.0, 3.0),
         d.viscous * d.rng.uniform(0.0, 2.0) * (d.rng.random() < 0.5),

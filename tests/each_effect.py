@@ -13,6 +13,7 @@ EFFECTS = (
     fx.Cogging(0.5, 0.01, 0.5), fx.TimePeriodic(0.5, 11.0, 0.5), fx.CoulombAsymmetry(1.0),
     fx.PositionDependence(2.0, 30.0, 0.01), fx.LoadDependence(0.1), fx.LoadAsymmetry(0.1),
     fx.StribeckAsymmetry(0.3, 0.02), fx.VelocityStrengthening(0.3, 0.02), fx.WarmUp(0.4, 0.3),
+    fx.PositionForce(0.02, 0.05, 0.3, -0.8, 0.5, 0.2, -0.1, 0.3, 0.1, -0.2, 0.1, 0.05, -0.1, 0.05, 0.02),
     fx.Drift(0.2), fx.DwellTime(1.0, 0.1), fx.EndStop(0.0199, 0.0262, 3e3, 20.0),
 )  # fmt: skip
 BY_SLUG = {effect.slug: effect for effect in EFFECTS}

@@ -170,6 +170,7 @@ _EFFECTS = (
     lambda r: E.Spring(r.uniform(0.0, 100.0), r.normal(0.0, 0.05)),
     lambda r: E.Gravity(r.uniform(0.0, 2.0), r.uniform(-3.0, 3.0)),
     lambda r: E.Cogging(r.uniform(0.1, 1.0), r.uniform(5e-3, 0.05), r.uniform(-3.0, 3.0)),
+    lambda r: E.PositionForce(0.0, r.uniform(0.01, 0.1), *r.normal(0.0, 0.3, 13)),
     lambda r: E.TimePeriodic(r.uniform(0.1, 1.0), r.uniform(0.5, 20.0), r.uniform(-3.0, 3.0)),
     lambda r: E.CoulombAsymmetry(r.uniform(-1.0, 1.0)),
     lambda r: E.PositionDependence(r.normal(0.0, 0.5), r.normal(0.0, 1.0), 0.0),

@@ -139,7 +139,7 @@ BUILT_IN = {
     "backlash": {"load_fraction", "friction_on_motor", "compliance", "damping"},
     "load_encoder_backlash": {"load_fraction", "friction_on_motor"},
     "compliance": {"load_fraction", "friction_on_motor"}, "load_dependence": {"of_drive"},
-    "load_asymmetry": {"of_drive"},
+    "load_asymmetry": {"of_drive"}, "position_force": {"middle", "reach"},
 }  # fmt: skip
 
 
@@ -148,7 +148,10 @@ TEETH = dfc.effects.Backlash(1e-4, 0.4, 0.0, 1e-5, 10.0)
 USED = {TEETH: {"compliance", "damping"}}
 #: Apart from the others, as an axis has one transmission and the period of one effect alone is
 #: offered: the shortest of several is built in.
-APART = "presliding compliance cogging, backlash eccentric_encoder, load_encoder_backlash gravity"
+APART = (
+    "presliding compliance cogging, backlash eccentric_encoder position_force, "
+    "load_encoder_backlash gravity"
+)
 GROUPS = [tuple(BY_SLUG[slug] for slug in group.split()) for group in APART.split(",")]
 GROUPS.append((TEETH,))
 GROUPS.append(tuple(e for e in EFFECTS if all(e not in group for group in GROUPS)))

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.polynomial.chebyshev import chebval
 from scipy.integrate import odeint
 
 import dryfric_control as dfc
@@ -34,6 +35,7 @@ def slide(u, extra, level=COULOMB, v0=0.5):
     return odeint(rates, [0.01, v0], grid, rtol=1e-11, atol=1e-13, mxstep=5000, tfirst=True).T
 
 
+COEFFICIENTS = (0.2, -0.9, 0.6, 0.4, -0.3, 0.2, 0.1, -0.2, 0.1, 0.1, -0.1, 0.05, -0.02)
 FORCES = [
     (fx.BiasForce(1.5), lambda t, x, v: 1.5),
     (fx.ViscousAsymmetry(0.7), lambda t, x, v: -0.7 * abs(v)),
@@ -42,6 +44,10 @@ FORCES = [
     (fx.Spring(40.0, rest=0.02), lambda t, x, v: -40.0 * (x - 0.02)),
     (fx.Gravity(3.0, phase=0.4), lambda t, x, v: -3.0 * math.sin(x - 0.4)),
     (fx.Cogging(0.8, 0.02, 0.3), lambda t, x, v: 0.8 * math.sin(2 * math.pi * x / 0.02 + 0.3)),
+    (
+        fx.PositionForce(0.03, 0.04, *COEFFICIENTS),
+        lambda t, x, v: chebval(min(max((x - 0.03) / 0.04, -1.0), 1.0), COEFFICIENTS),
+    ),
     (fx.TimePeriodic(0.8, 35.0, 0.3), lambda t, x, v: 0.8 * math.sin(2 * math.pi * 35 * t + 0.3)),
 ]
 

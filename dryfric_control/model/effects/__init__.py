@@ -23,6 +23,7 @@ from dryfric_control.model.effects.forces import BiasForce as BiasForce
 from dryfric_control.model.effects.forces import Cogging as Cogging
 from dryfric_control.model.effects.forces import EndStop as EndStop
 from dryfric_control.model.effects.forces import Gravity as Gravity
+from dryfric_control.model.effects.forces import PositionForce as PositionForce
 from dryfric_control.model.effects.forces import QuadraticDrag as QuadraticDrag
 from dryfric_control.model.effects.forces import Spring as Spring
 from dryfric_control.model.effects.forces import TimePeriodic as TimePeriodic

@@ -332,6 +332,8 @@ class Effect:
     rank: ClassVar[float] = math.inf
     #: Whether a diagnosis may find a second one beside it, of another period.
     repeats: ClassVar[bool] = False
+    #: Whether its law may have any shape: a diagnosis tries it where none of the others explains.
+    any_shape: ClassVar[bool] = False
     #: Base parameter that it multiplies; a diagnosis fits that one instead.
     base: ClassVar[str] = ""
     #: Field of the axis that may hold it in place of `effects`; `alter` sets it.

@@ -34,6 +34,8 @@ _BEYOND = 0.05
 _DEPTHS = tuple(np.geomspace(0.003, 0.3, 12))
 # Largest line of a drive by which a loop answers a disturbance, over that.
 _LARGEST_ANSWER = 2.0
+# Order of the polynomial by which a force may depend on the position.
+_HIGHEST_ORDER = 12
 # Periods in a record below which a line of the drive is too wide to be told from others.
 _SHARP = 10.0
 
@@ -518,6 +520,107 @@ class Cogging(Effect):
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
         yield from sines(view, "force")
+
+
+@register_effect
+class PositionForce(Effect):
+    r"""Force of any smooth shape over the travel.
+
+    Notes
+    -----
+    .. math:: w \to w + \sum_{k=0}^{12} c_k\, T_k(q), \quad
+        q = \frac{x - \text{middle}}{\text{reach}}
+
+    with T_k the Chebyshev polynomials; beyond the travel, where q is outside -1 to 1, the force is
+    that at its end.  A diagnosis tries it last, where no effect with a law of its own explains the
+    records.
+
+    Examples
+    --------
+    A cable chain whose force falls over the travel, and bends:
+
+    >>> import dryfric_control as dfc
+    >>> chain = dfc.effects.PositionForce(middle=0.2, reach=0.2, c1=-3.0, c2=1.0)
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0, effects=(chain,))
+    >>> [round(float(axis.simulate([0.0] * 10, dt=1e-3, x0=x).y[2, -1]), 9) for x in (0, 0.2, 0.4)]
+    [4.0, -1.0, -2.0]
+    """
+
+    middle: float = parameter("m", "middle of the travel", kind="place", free=False)
+    reach: float = parameter("m", "half of the travel", bounds=(1e-300, math.inf), free=False)
+    c0: float = parameter("N", "constant force", default=0.0)
+    c1: float = parameter("N", "coefficient of the line", default=0.0)
+    c2: float = parameter("N", "coefficient of the parabola", default=0.0)
+    c3: float = parameter("N", "coefficient of T3", default=0.0)
+    c4: float = parameter("N", "coefficient of T4", default=0.0)
+    c5: float = parameter("N", "coefficient of T5", default=0.0)
+    c6: float = parameter("N", "coefficient of T6", default=0.0)
+    c7: float = parameter("N", "coefficient of T7", default=0.0)
+    c8: float = parameter("N", "coefficient of T8", default=0.0)
+    c9: float = parameter("N", "coefficient of T9", default=0.0)
+    c10: float = parameter("N", "coefficient of T10", default=0.0)
+    c11: float = parameter("N", "coefficient of T11", default=0.0)
+    c12: float = parameter("N", "coefficient of T12", default=0.0)
+
+    title = "force that depends on the position"
+    action = "force"
+    adds_constant = "c0"
+    any_shape = True
+    rank = 30
+    explanation = (
+        "A force follows the position by a law of its own: a cable chain, a linkage or a cam, a "
+        "counterbalance, magnets."
+    )
+    experiment = "Crawl over the whole travel: the mean of the two directions is this force."
+
+    @property
+    def edges(self) -> tuple[float, ...]:
+        """Ends of the travel, beyond which the force stays."""
+        return self.middle - self.reach, self.middle + self.reach
+
+    @property
+    def shortest_length(self) -> float:
+        """The travel over twice the highest order: a quarter of its wave in the middle."""
+        return math.inf if not any(self.values[2:]) else self.reach / _HIGHEST_ORDER
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        # The slope of T_k is at most k^2, at the ends.
+        steepest = sum(k * k * abs(c) for k, c in enumerate(self.values[2:]))
+        return Slopes(place=steepest / self.reach)
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        q = min(max((x - p[0]) / p[1], -1.0), 1.0)
+        # Clenshaw's recurrence.
+        later = 0.0
+        force = p[14]
+        for k in range(13, 2, -1):
+            before = later
+            later = force
+            force = p[k] + 2.0 * q * later - before
+        return p[2] + q * force - later
+
+    def bounds(self, box: Box) -> Interval:
+        q = ((box.x - self.middle) * (1.0 / self.reach)).clip(low=-1.0, high=1.0)
+        return q.chebyshev(self.values[2:])
+
+    def meaning(self, units: tuple[str, str]) -> str:
+        places = self.middle + self.reach * np.linspace(-1.0, 1.0, 5)
+        forces = (self.law(0.0, x, 0.0, 0.0, 0.0, 0.0, 0.0, self.values) for x in places)
+        shown = ", ".join(f"{f:.3g}" for f in forces)
+        low, high = (f"{x:.3g}" for x in places[[0, -1]])
+        return f"{shown} {units[1]} at five places from x = {low} to {high} {units[0]}"
+
+    @classmethod
+    def columns(cls, view: View) -> Iterator[Column]:
+        ends = {"middle": view.middle, "reach": 0.5 * view.span}
+        names = [f"c{k}" for k in range(_HIGHEST_ORDER + 1)]
+
+        def values(c: Sequence[float]) -> dict[str, float]:
+            return ends | dict(zip(names, map(float, c), strict=False))
+
+        q = np.clip((view.x - ends["middle"]) / ends["reach"], -1.0, 1.0)
+        yield Column(values, tuple(np.cos(k * np.arccos(q)) for k in range(_HIGHEST_ORDER + 1)))
 
 
 @register_effect

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import Chebyshev
 from numpy.typing import ArrayLike
 
 from dryfric_control.arrays import Floats
@@ -165,6 +166,18 @@ class Interval:
         high = np.exp(-square.low)
         return Interval(low, high, _product(_BELL_SLOPE, self.slopes))
 
+    def chebyshev(self, coefficients: Sequence[float]) -> Interval:
+        """A Chebyshev series of its values.
+
+        Parameters
+        ----------
+        coefficients : sequence of float, length n
+            Those of T_0, T_1 and so on.
+        """
+        series = Chebyshev(coefficients)
+        steepest = np.maximum(*(np.abs(one) for one in _series_bounds(series.deriv(), self)))
+        return Interval(*_series_bounds(series, self), _product(steepest, self.slopes))
+
     def where(self, possible: ArrayLike) -> Interval:
         """Its values or none where they are possible, none elsewhere.
 
@@ -198,6 +211,17 @@ def _align_slopes(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     if a.ndim == b.ndim:
         return a, b
     return (a[:, None], b) if a.ndim < b.ndim else (a, b[:, None])
+
+
+def _series_bounds(series: Chebyshev, at: Interval) -> tuple[Floats, Floats]:
+    """Least and largest value of a polynomial, but for round-off."""
+    ends = series(at.low), series(at.high)
+    # Where it turns, and points that round-off takes for such: a value there is one of its values.
+    turns = (t for t in series.deriv().roots().real)
+    inside = (np.where((at.low < t) & (t < at.high), series(t), ends[0]) for t in turns)
+    every = np.stack([*ends, *inside])
+    slack = 1e-12 * float(np.abs(series.coef).sum())
+    return every.min(axis=0) - slack, every.max(axis=0) + slack
 
 
 def _sine_bounds(angle: Interval) -> tuple[Floats, Floats]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dryfric_control.diagnosis.thresholds import MIN_VISIBLE_DELAY
+from dryfric_control.diagnosis.thresholds import MIN_PERIODS, MIN_VISIBLE_DELAY
 from dryfric_control.model.axis import FrictionAxis
 from dryfric_control.model.effects import Effect
 from dryfric_control.model.effects.effect import KINDS, REGISTRY
@@ -119,11 +119,11 @@ def shown_range(
     if unit == "s":
         return dt, math.inf
     if unit == "Hz":
-        # What does not come back within the record is not known to come back.
-        return 1.0 / max(r.duration for r in records), 0.5 / dt
+        return MIN_PERIODS / max(r.duration for r in records), 0.5 / dt
     if unit == "m" and kind == "amount":
         least = _MIN_READING_ERROR if effect.action == "reading" else _MIN_VISIBLE_LENGTH
-        return least * step, math.inf
+        longest = max(r.range for r in records) / MIN_PERIODS
+        return least * step, longest if own == "period" else math.inf
     if unit == "m/s":
         fast = max(np.quantile(np.abs(r.derivatives().v), _FAST_QUANTILE) for r in records)
         return _MIN_SPEED * step / dt, _MAX_SPEED_RATIO * float(fast)

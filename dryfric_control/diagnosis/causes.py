@@ -76,6 +76,8 @@ def hardly_determined(axis: FrictionAxis, causes: Sequence[Cause]) -> list[str]:
     messages = []
     present = named(axis)
     for cause in causes:
+        if effect_class(cause.effect).any_shape:
+            continue  # its curve is known, whichever coefficient is next to nothing
         kinds = effect_class(cause.effect).parameters()
         for name, value in cause.parameters.items():
             if kinds.get(name, {}).get("kind") in ("place", "angle"):

@@ -289,6 +289,8 @@ def _search_and_judge(
     tell("base parameters")
     search, model, interrupted = _search(problem, tell)
     if not interrupted:
+        search, model, interrupted = _with_any_shape(search, model, problem.runs)
+    if not interrupted:
         search, model, interrupted = _beside_own_values(search, model, tell)
     message = [LATE] if search.problem.is_overdue else []
     if interrupted:
@@ -620,11 +622,31 @@ def _force_first(
     begin = search.eliminate_causes(search.now)
     if builds_up:
         begin = search.after_reversals(search.now, begin)
+    if not begin.causes:
+        begin = search.with_any_shape(begin) or begin  # their shapes reject them, not their force
     model = search.run(begin)
     again = _search_other_inputs(search, model, recorded)
     if again is not None:
         search, model = again
     return (search, model) if problem.clear_of_line(model.fit) else None
+
+
+def _with_any_shape(
+    search: Search, model: Model, recorded: Sequence[Any]
+) -> tuple[Search, Model, bool]:
+    """The search continued with an effect whose law may have any shape, where that explains more.
+
+    It is tried last: it may do what any effect with a law of its own does.
+    """
+    found = search, model, False
+    try:
+        if search.problem.is_overdue or search.problem.shift is not None:
+            return found
+        begun = search.with_any_shape(model)
+        more = None if begun is None else _force_first(search, recorded, begun, False)
+        return found if more is None else (*more, False)
+    except KeyboardInterrupt:
+        return *found[:2], True
 
 
 def _beside_own_values(

@@ -568,6 +568,22 @@ class Gram:
             found[one.name] = min(found.get(one.name, math.inf), unit * float(left @ left))
         return found
 
+    def item_of_any_shape(self, most: float) -> int | None:
+        """The effect whose law may have any shape, if that leaves less squares than `most`.
+
+        In the units of `squares_left`; none that is a larger force than any in the records.
+        """
+        unit = float(np.mean(self.here.scale)) ** -2
+        left = {
+            g: unit * float(np.sum(self._residual_of([g]) ** 2))
+            for g, one in enumerate(self.items)
+            if one.name != REVERSAL and effect_class(one.name).any_shape
+        }
+        best = min(left, key=left.__getitem__, default=None)
+        if best is None or left[best] >= most or self._beyond_record([best]):
+            return None
+        return best
+
     def forward_selection(self, most: int, without: Collection[str] = ()) -> list[int]:
         """Items that join one after the other, those of friction after reversals among them.
 

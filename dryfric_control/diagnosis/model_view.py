@@ -12,7 +12,7 @@ import numpy as np
 from dryfric_control.arrays import Floats
 from dryfric_control.compiled.linear import behind_bristles
 from dryfric_control.diagnosis.candidates import effect_class
-from dryfric_control.diagnosis.thresholds import NEGLIGIBLE_RATIO
+from dryfric_control.diagnosis.thresholds import MIN_PERIODS, NEGLIGIBLE_RATIO
 from dryfric_control.estimation.force_residual import net_drive
 from dryfric_control.estimation.likelihood import Point
 from dryfric_control.estimation.parameters import values_of, with_values
@@ -30,8 +30,6 @@ _SHORTEST_INCREMENTS = 8.0
 _SHORTEST_SAMPLES = 10.0
 # Number of spectral peaks that become columns.
 _PEAKS = 5
-# Fewest periods within the record.
-_FEWEST_PERIODS = 1.25
 # Frequencies per main lobe of the spectrum.
 _PER_LOBE = 4
 # Number of frequencies at which the size of a periodic column is computed; it is interpolated.
@@ -303,7 +301,7 @@ class ModelView:
         length = float(np.ptp(along))
         shortest = self._shortest_period(kind)
         most = min(length / shortest, self.x.size / _SHORTEST_SAMPLES)
-        if not most > 2.0 * _FEWEST_PERIODS:
+        if not most > 2.0 * MIN_PERIODS:
             return [], 1.0
         bins = 2 ** math.ceil(math.log2(8.0 * most + 64.0))
         place = np.minimum((along / length * bins).astype(int), bins - 1)
@@ -311,7 +309,7 @@ class ModelView:
         spectrum = np.abs(np.fft.rfft(signal, _PER_LOBE * bins))
         power = spectrum[: int(_PER_LOBE * most)] ** 2
         wave = np.arange(power.size) / _PER_LOBE
-        at = np.geomspace(_FEWEST_PERIODS, most, _SIZES)
+        at = np.geomspace(MIN_PERIODS, most, _SIZES)
         angles = 2.0 * np.pi * at * along[:, None] / length
         sines = [*np.sin(angles).T, *np.cos(angles).T]
         found = self.of_readings(sines) if kind == "reading" else self.of_forces(sines)
@@ -319,7 +317,7 @@ class ModelView:
         size = np.maximum(size, 1e-300)
         logarithm = np.log(np.maximum(wave, 1.0))
         power /= np.exp(np.interp(logarithm, np.log(at), np.log(size)))
-        power[wave < _FEWEST_PERIODS] = 0.0
+        power[wave < MIN_PERIODS] = 0.0
         peaks: list[float] = []
         while len(peaks) < _PEAKS and power.any():
             k = int(np.argmax(power))

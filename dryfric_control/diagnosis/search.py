@@ -15,6 +15,7 @@ from dryfric_control.diagnosis.candidates import (
     catalogue,
     effect_class,
     forms,
+    holds,
     with_effect,
     with_held,
 )
@@ -31,6 +32,7 @@ from dryfric_control.diagnosis.thresholds import (
     MAX_CAUSES,
     MAX_EXCHANGED_CAUSES,
     MAX_SINGLE_PROPOSALS,
+    MAX_UNEXPLAINED_FRACTION,
     MIN_BASE_CHANGE,
     MIN_EVIDENCE,
     MIN_SCORE_FALL,
@@ -248,9 +250,34 @@ class Search:
         peak = with_effect(axis, PEAK, {"excess": max(level - 1.0, _LEAST_PEAK), "speed": speed})
         return Start(peak.axis, (*start.free, *peak.free))
 
-    def _by_force(self, fit: Solution, causes: Sequence[str] = ()) -> Gram:
-        """Normal equations of the force that a model lacks."""
-        names = self._candidate_effects(Model(fit, tuple(causes)))
+    def with_any_shape(self, now: Model) -> Model | None:
+        """A model with an effect whose law may have any shape, beside or in place of the causes.
+
+        If that leaves less than half of the squared force that the model leaves, and is likelier.
+        """
+        problem, nominal = self.problem, Model(self.problem.nominal_fit)
+        best, most = now, math.inf
+        for one in (now, nominal) if now.causes else (nominal,):
+            gram = self._by_force(one.fit, one.causes, self._effects_of_any_shape())
+            most = min(most, MAX_UNEXPLAINED_FRACTION**2 * gram.squares_left()[""])
+            shape = gram.item_of_any_shape(most)
+            for start in gram.starts([shape]) if shape is not None else ():
+                free = (*problem.free_of(one.fit), *start.free)
+                fit = fit_beside(problem, start.axis, free, one.fit)
+                model = self.eliminate_causes(Model(fit, (*one.causes, *start.names)))
+                best = model if self.net_evidence(model, best) > 0.0 else best
+        return None if best is now else best
+
+    def _effects_of_any_shape(self) -> list[str]:
+        """Effects whose law may have any shape, which the nominal axis lacks."""
+        axis = self.problem.believed
+        return [n for n in catalogue(axis) if effect_class(n).any_shape and not holds(axis, n)]
+
+    def _by_force(
+        self, fit: Solution, causes: Sequence[str] = (), also: Sequence[str] = ()
+    ) -> Gram:
+        """Normal equations of the force that a model lacks; `also`: further effects."""
+        names = [*self._candidate_effects(Model(fit, tuple(causes))), *also]
         if self.problem.moves_in_jumps:
             names = [name for name in names if _shows_in_balance(effect_class(name), steady=True)]
         view = ForceView(self.problem, fit.axis)
@@ -558,6 +585,8 @@ class Search:
                 continue  # a free lead of the input is no different from a delay
             if any(f"{name}.{p}" in problem.known for p in effect.named_parameters()):
                 continue
+            if effect.any_shape and not holds(problem.believed, name):
+                continue  # it may do what any of the others does
             found.append(name)
         return sorted(found)  # sums over columns in another order differ by round-off
 

@@ -17,6 +17,9 @@ SCREENING_FORCE_FACTORS = (1.0, 0.1)
 NOISE_SCALE_ITERATIONS = 12
 
 # Proposals.
+# Number of periods of what repeats that a record holds: what does not come back within it is not
+# known to come back.
+MIN_PERIODS = 1.25
 # Predicted gain of log-likelihood, beyond the logarithm of the number of shapes, from which an
 # effect is proposed.
 MIN_PREDICTED_GAIN = 6.0

@@ -327,3 +327,37 @@ def test_friction_of_tanh_holds_nothing_at_rest():
     assert film.deficit == pytest.approx(1.0, abs=0.01)
     assert film.speed == pytest.approx(0.1, rel=0.02)
     assert found.extended.coulomb.mean == pytest.approx(0.5, rel=0.01)
+
+
+@njit
+def over_centre(r, dt, steps, mass, stiffness, free_length, height):
+    """Readings and drive of a loop whose axis a spring across the travel pushes off its middle."""
+    x, v, before, quantum = r[0], 0.0, r[0], 2e-6
+    readings, sent = np.empty(r.size), np.empty(r.size)
+    for i in range(r.size):
+        readings[i] = quantum * np.round(x / quantum)
+        sent[i] = 4e3 * (r[i] - readings[i]) - 120.0 * (readings[i] - before) / dt
+        before = readings[i]
+        for _ in range(steps):
+            length = np.sqrt(x * x + height * height)
+            push = stiffness * (free_length - length) * x / length
+            x, v = stepped(x, v, sent[i] + push - 20.0 * v, 6.0, mass, dt / steps)
+    return readings, sent
+
+
+def test_a_force_that_follows_the_position_by_a_law_of_its_own():
+    dt = 1e-3
+    t = dt * np.arange(8000)
+    r = 0.16 * np.sin(2.0 * np.pi * 0.3 * t) + 0.08 * np.sin(2.0 * np.pi * 0.83 * t)
+    x, u = over_centre(r, dt, 50, 3.0, 600.0, 0.3, 0.2)
+    axis = dfc.FrictionAxis(mass=3.0, viscous=20.0, coulomb=6.0)
+    found = dfc.diagnose(axis, dfc.Record(t, u, x), progress=False)
+    assert found.verdict == "explained"
+    assert causes(found) == ["position_force"]
+    force = found.extended.named_effects()["position_force"]
+    for place in (-0.2, -0.1, 0.0, 0.1, 0.2):
+        length = np.hypot(place, 0.2)
+        push = 600.0 * (0.3 - length) * place / length
+        shown = force.law(0.0, place, 0.0, 0.0, 0.0, 0.0, 0.0, force.values)
+        assert shown == pytest.approx(push, abs=0.1)
+    assert "five places" in str(found)

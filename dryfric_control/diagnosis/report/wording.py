@@ -306,6 +306,14 @@ def line_of(d: Findings, cause: Cause) -> str:
     return f"{title}: {course} ({parameters})"
 
 
+def _brief_line_of(d: Findings, cause: Cause) -> str:
+    """The same, of an effect of any shape its curve in place of its coefficients."""
+    effect = d.extended.named_effects().get(cause.effect)
+    if effect is None or not effect.any_shape:
+        return line_of(d, cause)
+    return f"{cause.title} ({cause.effect}): {effect.meaning(d.axis.units)}"
+
+
 def summary_lines(d: Findings) -> list[str]:
     """Lines of a diagnosis' summary, as long as they are."""
     of = f" (of {records_text(d)})" if d.others else ""
@@ -338,7 +346,7 @@ def brief_lines(d: Findings) -> list[str]:
     lines += varied[:1]
     shown = shown_causes(d)
     room = _BRIEF_CAUSES - len(varied[:1])
-    lines += [f"{i}. {line_of(d, one)}" for i, one in enumerate(shown[:room], start=1)]
+    lines += [f"{i}. {_brief_line_of(d, one)}" for i, one in enumerate(shown[:room], start=1)]
     more = [
         *(short_cause_text(one, d.axis) for one in (*shown[room:], *d.small_corrections)),
         *(f"{_own_name(name)} by record" for name in [*d.varies][1:]),

@@ -321,7 +321,8 @@ def _next_varying(
             continue
         one = with_own(problem, final, (*problem.own, name))
         penalty = _penalty(problem, len(problem.runs) - (name not in one.also))
-        base = [n for n in BASE if n in names and (n in final.problem.names or n == name)]
+        kept = [n for n in problem.base if n in final.problem.names]
+        base = [*dict.fromkeys((*kept, *(n for n in BASE if n == name)))]
         fit = _varying_fit(one, final, now, base, penalty)
         if fit is None:
             continue

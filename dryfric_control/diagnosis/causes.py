@@ -303,6 +303,20 @@ def with_own(problem: Problem, fit: Solution, own: Sequence[str]) -> Problem:
     return replace(problem, own=tuple(own), also=(*problem.also, *(BIAS_FORCE,) * bias))
 
 
+def with_weights_apart(problem: Problem) -> Problem:
+    """The problem with a constant force for each record, where that alone tells a motion.
+
+    Such as the weights of loads: they bend all that the records share before any cause is sought.
+    """
+    if len(problem.runs) < 2 or BIAS_FORCE in (*problem.known, *problem.also):
+        return problem
+    common = problem.fit(problem.believed, noises=noises_of(problem.nominal_fit))
+    one = with_own(problem, common, (*problem.own, BIAS_FORCE))
+    apart = one.fit(problem.believed, noises=noises_of(common))
+    differ = one.clear_of_line(apart) and own_values_differ(problem, common, apart)
+    return one if differ and _is_determined(common, apart) else problem
+
+
 def own_values_differ(problem: Problem, common: Solution, apart: Solution) -> bool:
     """Whether values of each record explain more than common ones."""
     count = len(apart.problem.names) - len(common.problem.names)

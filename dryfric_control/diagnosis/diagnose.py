@@ -25,6 +25,7 @@ from dryfric_control.diagnosis.causes import (
     own_values_differ,
     varying_parameters,
     with_own,
+    with_weights_apart,
 )
 from dryfric_control.diagnosis.criterion import cost_of, evidence
 from dryfric_control.diagnosis.experiment import Experiment, next_experiment
@@ -287,11 +288,11 @@ def _search_and_judge(
 ) -> Diagnosis:
     """Search for causes, judge what they explain, and describe them."""
     tell("base parameters")
-    search, model, interrupted = _search(problem, tell)
+    search, model, interrupted = _search(with_weights_apart(problem), tell)
     if not interrupted:
         search, model, interrupted = _with_any_shape(search, model, problem.runs)
     if not interrupted:
-        search, model, interrupted = _beside_own_values(search, model, tell)
+        search, model, interrupted = _beside_own_values(search, model, problem.also, tell)
     message = [LATE] if search.problem.is_overdue else []
     if interrupted:
         message = [_INTERRUPTED]
@@ -650,12 +651,13 @@ def _with_any_shape(
 
 
 def _beside_own_values(
-    search: Search, model: Model, tell: Callable[..., None]
+    search: Search, model: Model, also: tuple[str, ...], tell: Callable[..., None]
 ) -> tuple[Search, Model, bool]:
     """The search continued beside base parameters that differ between records, where some do.
 
     Such as the mass under another load: what is common to all records is bent by it.  What does not
-    differ any more beside the causes found is common again.
+    differ any more beside the causes found is common again.  `also`: further free parameters of the
+    nominal axis as it was given.
     """
     problem = search.problem
     found = search, model
@@ -665,15 +667,19 @@ def _beside_own_values(
         varies, apart = varying_parameters(problem, model.fit, ())
         if not varies:
             return *found, False
-        other = with_own(problem, model.fit, (*problem.own, *varies))
-        fit = _continue_fit(other, apart, COMPARISON_ITERATIONS)
-        beside = Search(other, tell, search.not_tried, now=Model(fit, model.causes))
-        end = beside.run(beside.eliminate_causes(beside.now))
-        found = beside, end
-        common = _continue_fit(problem, end.fit, COMPARISON_ITERATIONS)
-        if not own_values_differ(problem, common, end.fit):
-            more = (BIAS,) * (other.also != problem.also)  # a common one is a cause as any other
-            same = Search(problem, tell, search.not_tried, now=Model(common, (*end.causes, *more)))
+        own = tuple(dict.fromkeys((*problem.own, *varies)))
+        if own != problem.own:
+            other = with_own(problem, model.fit, own)
+            fit = _continue_fit(other, apart, COMPARISON_ITERATIONS)
+            beside = Search(other, tell, search.not_tried, now=Model(fit, model.causes))
+            found = beside, beside.run(beside.eliminate_causes(beside.now))
+        beside, end = found
+        alike = replace(beside.problem, own=(), also=also)
+        common = _continue_fit(alike, end.fit, COMPARISON_ITERATIONS)
+        if not own_values_differ(alike, common, end.fit):
+            # A common force is a cause as any other.
+            more = (BIAS,) * (beside.problem.also != also)
+            same = Search(alike, tell, search.not_tried, now=Model(common, (*end.causes, *more)))
             found = same, same.run(same.eliminate_causes(same.now))
     except KeyboardInterrupt:
         return *found, True

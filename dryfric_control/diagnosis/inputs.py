@@ -177,7 +177,8 @@ def _per_record_problem(problem: Problem, now: Solution) -> tuple[Problem, Solut
     for names in ((BIAS_FORCE, "coulomb"), ("coulomb",)):
         if "coulomb" not in problem.base or not set(names).isdisjoint(problem.known):
             continue
-        one = replace(problem, also=(*problem.also, *names), own=(*problem.own, *names))
+        also, own = (tuple(dict.fromkeys((*some, *names))) for some in (problem.also, problem.own))
+        one = replace(problem, also=also, own=own)
         fit = Search(one).fit_nominal()
         # A cause that is still missing correlates what is left, whatever differs between records.
         fall = now.held_out() - fit.held_out()

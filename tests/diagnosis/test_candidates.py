@@ -9,7 +9,13 @@ from diagnosis_cases import among, driven
 
 import dryfric_control as dfc
 from dryfric_control.diagnosis.candidates import forms, held_by, is_within_records, with_held
-from dryfric_control.diagnosis.causes import cause_of, changing_cause, hardly_determined
+from dryfric_control.diagnosis.causes import (
+    cause_of,
+    changing_cause,
+    hardly_determined,
+    varying_parameters,
+    with_weights_apart,
+)
 from dryfric_control.diagnosis.force_view import ForceView
 from dryfric_control.diagnosis.gram import Gram, Proposal
 from dryfric_control.diagnosis.invariants import infeasible_reason, is_negligible, rejection_reason
@@ -190,6 +196,31 @@ def test_a_cause_that_acts_in_one_half_alone_is_the_same_throughout():
     now = search.eliminate_causes(Model(problem.fit(SPRUNG, SPRING), ("spring",)))
     assert now.causes == ("spring",)
     assert changing_cause(search, now, now.fit) == ""
+
+
+def under_weights(*weights):
+    """The problem of an axis under a constant force that differs between records."""
+    t = 2e-3 * np.arange(2000)
+    records = []
+    for weight in weights:
+        u = 20.0 * np.sin(6.0 * t) + 12.0 * np.sin(17.0 * t + 1.0) - weight
+        x = AXIS.replace(effects=(dfc.effects.BiasForce(weight),)).simulate(u, dt=2e-3).y[0]
+        records.append(prepare(dfc.Record(t, u, 1e-6 * np.round(1e6 * x))))
+    return Problem(AXIS, tuple(records))
+
+
+@pytest.mark.parametrize(("weights", "apart"), [((0.0, -60.0), True), ((-60.0, -60.0), False)])
+def test_weights_that_differ_between_records_are_apart_from_the_start(weights, apart):
+    problem = with_weights_apart(under_weights(*weights))
+    assert problem.own == (("bias_force.force",) if apart else ())
+
+
+def test_a_nominal_weight_may_differ_between_records():
+    problem = under_weights(-20.0, -60.0)
+    axis = AXIS.replace(effects=(dfc.effects.BiasForce(-40.0),))
+    problem = dataclasses.replace(problem, believed=axis)
+    varies, _ = varying_parameters(problem, problem.fit(axis), ())
+    assert varies["bias_force.force"]["values"] == pytest.approx([-20.0, -60.0], rel=1e-3)
 
 
 # -- what no machine can have, and what is looked at again -------------------------------

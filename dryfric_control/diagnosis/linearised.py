@@ -105,7 +105,9 @@ class Linearised(ModelView):
 
     def of_change(self, point: Point, most: float) -> Floats:
         out, before = (np.concatenate(one.out, axis=1)[0] for one in (point, self.point))
-        change = np.nan_to_num((out - before) * self.scale)
+        ok = self.ok  # a pass that runs away is infinite at readings that do not count, too
+        change = np.zeros(out.size)
+        change[ok] = np.nan_to_num((out[ok] - before[ok]) * self.scale[ok])
         bound = most * self.root
         return np.clip(change, -bound, bound)
 

@@ -128,9 +128,12 @@ class PositionDependence(Effect):
     experiment = "Crawl over the whole travel in both directions and plot the force over position."
 
     def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
-        low, high = axis.travel or (self.centre - 1.0, self.centre + 1.0)
-        reach = max(abs(low - self.centre), abs(high - self.centre))
-        return Slopes(place=abs(self.slope) + 2.0 * abs(self.curvature) * reach, relative=1.0)
+        # Without a travel up to where the curvature alone adds the level once more.
+        steepest = 2.0 * math.sqrt(abs(self.curvature))
+        if axis.travel is not None:
+            reach = max(abs(end - self.centre) for end in axis.travel)
+            steepest = 2.0 * abs(self.curvature) * reach
+        return Slopes(place=abs(self.slope) + steepest, relative=1.0)
 
     @staticmethod
     def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]

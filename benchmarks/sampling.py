@@ -85,6 +85,7 @@ def some_effect(slug: str, rng: np.random.Generator) -> fx.Effect:
         "position_dependence": lambda: fx.PositionDependence(
             sign() * near(1.0, 20.0), sign() * near(10.0, 300.0), rng.uniform(-0.01, 0.01)
         ),
+        "friction_ripple": lambda: fx.FrictionRipple(near(0.1, 0.8), near(5e-4, 2e-2), turn),
         "load_dependence": lambda: fx.LoadDependence(near(0.05, 0.4)),
         "load_asymmetry": lambda: fx.LoadAsymmetry(sign() * near(0.05, 0.3)),
         "stribeck_asymmetry": lambda: fx.StribeckAsymmetry(

@@ -193,6 +193,9 @@ EFFECTS: dict[str, Callable[[Draw], fx.Effect]] = {
     "position_dependence": lambda d: fx.PositionDependence(
         d.rng.uniform(-5.0, 5.0), d.rng.uniform(-20.0, 20.0)
     ),
+    "friction_ripple": lambda d: fx.FrictionRipple(
+        d.rng.uniform(0.0, 0.8), d.decade(-3.3, -1.3), d.phase
+    ),
     "load_dependence": lambda d: fx.LoadDependence(d.rng.uniform(0.0, 0.6)),
     "load_asymmetry": lambda d: fx.LoadAsymmetry(d.rng.uniform(-0.4, 0.4)),
     "stribeck_asymmetry": lambda d: fx.StribeckAsymmetry(

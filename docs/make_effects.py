@@ -99,6 +99,7 @@ CASES: dict[str, tuple[effects.Effect, View | None]] = {
         (effects.Gravity(amplitude=4.0), ANGLE),
         (effects.Cogging(amplitude=3.0, period=0.06), POSITION),
         (effects.PositionDependence(slope=3.0), POSITION),
+        (effects.FrictionRipple(amplitude=0.3, period=0.06), POSITION),
         (effects.PositionForce(middle=0.0, reach=0.12, c1=-2.0, c3=2.5, c4=1.5), POSITION),
         (effects.EndStop(low=-0.09, high=0.09, stiffness=400.0, damping=4.0), POSITION),
         (effects.EccentricEncoder(amplitude=8e-4, period=0.06), POSITION),

@@ -11,7 +11,7 @@ EFFECTS = (
     fx.ViscousAsymmetry(2.0), fx.ViscousWarmUp(3.0, 0.3), fx.QuadraticDrag(5.0),
     fx.Spring(100.0, 0.01), fx.Gravity(2.0, 0.5),
     fx.Cogging(0.5, 0.01, 0.5), fx.TimePeriodic(0.5, 11.0, 0.5), fx.CoulombAsymmetry(1.0),
-    fx.PositionDependence(2.0, 30.0, 0.01), fx.LoadDependence(0.1), fx.LoadAsymmetry(0.1),
+    fx.PositionDependence(2.0, 30.0, 0.01), fx.FrictionRipple(0.2, 0.02, 0.5), fx.LoadDependence(0.1), fx.LoadAsymmetry(0.1),
     fx.StribeckAsymmetry(0.3, 0.02), fx.VelocityStrengthening(0.3, 0.02), fx.WarmUp(0.4, 0.3),
     fx.PositionForce(0.02, 0.05, 0.3, -0.8, 0.5, 0.2, -0.1, 0.3, 0.1, -0.2, 0.1, 0.05, -0.1, 0.05, 0.02),
     fx.Drift(0.2), fx.DwellTime(1.0, 0.1), fx.EndStop(0.0199, 0.0262, 3e3, 20.0),

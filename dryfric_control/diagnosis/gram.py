@@ -71,6 +71,8 @@ REVERSAL = "after reversal"
 #: An effect and its form.
 _Form = tuple[str, tuple[str, ...]]
 
+# Coefficient with which any effect can exist.
+_SMALL = 1e-3
 # Largest change of an innovation by a simulated shape [standard deviations].
 _MAX_INNOVATION_CHANGE = 30.0
 # Bounds of the factor of a base parameter in the start of a fit.
@@ -127,9 +129,9 @@ class Item:
 
     @cached_property
     def example(self) -> Effect:
-        """The effect with coefficients of one."""
+        """The effect with small coefficients, which any effect may have."""
         columns = self.column.force or self.column.reading
-        return effect_class(self.name)(**self.column.values([1.0] * len(columns)))
+        return effect_class(self.name)(**self.column.values([_SMALL] * len(columns)))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,12 @@ from dryfric_control.estimation.likelihood import Point
 from dryfric_control.estimation.parameters import values_of, with_values
 from dryfric_control.estimation.smoothed_motion import distance_since_reversal
 from dryfric_control.model.axis import FrictionAxis
-from dryfric_control.model.effects.columns import View, difference, effect_contribution
+from dryfric_control.model.effects.columns import (
+    View,
+    difference,
+    effect_contribution,
+    friction,
+)
 from dryfric_control.model.effects.effect import Effect
 from dryfric_control.model.friction import middle_level
 
@@ -291,7 +296,7 @@ class ModelView:
         return max(_SHORTEST_INCREMENTS * self.quantum, step)
 
     def waves(self, kind: str) -> tuple[list[float], float]:
-        """Strongest frequencies of "force" or "reading" along x, or of "time"; lobes searched.
+        """Strongest frequencies of a kind, see `sines`, and the number of lobes searched.
 
         The slopes of the residual's square with the force at each sample, summed over position or
         time, give those with every sine at once, by a Fourier transform.
@@ -305,18 +310,19 @@ class ModelView:
             return [], 1.0
         bins = 2 ** math.ceil(math.log2(8.0 * most + 64.0))
         place = np.minimum((along / length * bins).astype(int), bins - 1)
-        signal = np.bincount(place, reading if kind == "reading" else force, bins)
+        size = friction(cast(View, self)) if kind == "friction" else 1.0
+        signal = np.bincount(place, reading if kind == "reading" else size * force, bins)
         spectrum = np.abs(np.fft.rfft(signal, _PER_LOBE * bins))
         power = spectrum[: int(_PER_LOBE * most)] ** 2
         wave = np.arange(power.size) / _PER_LOBE
         at = np.geomspace(MIN_PERIODS, most, _SIZES)
         angles = 2.0 * np.pi * at * along[:, None] / length
-        sines = [*np.sin(angles).T, *np.cos(angles).T]
+        sines = [size * one for one in (*np.sin(angles).T, *np.cos(angles).T)]
         found = self.of_readings(sines) if kind == "reading" else self.of_forces(sines)
-        size = (found**2).sum(axis=0).reshape(2, -1).sum(axis=0)
-        size = np.maximum(size, 1e-300)
+        squares = (found**2).sum(axis=0).reshape(2, -1).sum(axis=0)
+        squares = np.maximum(squares, 1e-300)
         logarithm = np.log(np.maximum(wave, 1.0))
-        power /= np.exp(np.interp(logarithm, np.log(at), np.log(size)))
+        power /= np.exp(np.interp(logarithm, np.log(at), np.log(squares)))
         power[wave < MIN_PERIODS] = 0.0
         peaks: list[float] = []
         while len(peaks) < _PEAKS and power.any():

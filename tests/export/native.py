@@ -174,6 +174,7 @@ _EFFECTS = (
     lambda r: E.TimePeriodic(r.uniform(0.1, 1.0), r.uniform(0.5, 20.0), r.uniform(-3.0, 3.0)),
     lambda r: E.CoulombAsymmetry(r.uniform(-1.0, 1.0)),
     lambda r: E.PositionDependence(r.normal(0.0, 0.5), r.normal(0.0, 1.0), 0.0),
+    lambda r: E.FrictionRipple(r.uniform(0.0, 0.5), r.uniform(5e-3, 0.05), r.uniform(-3.0, 3.0)),
     lambda r: E.LoadDependence(r.uniform(0.0, 0.1)),
     lambda r: E.Drift(r.normal(0.0, 1e-3)),
     lambda r: E.DwellTime(r.uniform(0.1, 2.0), r.uniform(0.05, 1.0)),

@@ -150,7 +150,7 @@ USED = {TEETH: {"compliance", "damping"}}
 #: offered: the shortest of several is built in.
 APART = (
     "presliding compliance cogging, backlash eccentric_encoder position_force, "
-    "load_encoder_backlash gravity"
+    "load_encoder_backlash gravity, friction_ripple"
 )
 GROUPS = [tuple(BY_SLUG[slug] for slug in group.split()) for group in APART.split(",")]
 GROUPS.append((TEETH,))

@@ -65,6 +65,8 @@ ALONG = fx.PositionDependence(slope=1.5, curvature=-2.0, centre=0.02)
 EQUATIONS = [((effect,), law, COULOMB) for effect, law in FORCES]
 EQUATIONS += [
     ((ALONG,), constant(0.0), lambda t, x, u: COULOMB * along(x)),
+    ((fx.FrictionRipple(0.4, 0.03, 0.5),), constant(0.0),
+     lambda t, x, u: COULOMB * (1.0 + 0.4 * math.sin(2.0 * math.pi * x / 0.03 + 0.5))),
     ((fx.LoadDependence(0.1),), constant(0.0), lambda t, x, u: COULOMB + 0.1 * abs(u)),
     ((fx.Drift(0.6),), constant(0.0), lambda t, x, u: COULOMB * (1.0 + 0.6 * t)),
     # A transmission carries the drive and the weight that it lifts or lowers.

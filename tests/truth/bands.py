@@ -61,6 +61,7 @@ ADDED_FIELDS = _fields(
     "eccentric_encoder amplitude=eccentricity period=eccentricity_period phase=eccentricity_phase",
     "load_encoder_backlash gap load_fraction",
     "end_stop stiffness=wall_stiffness damping=wall_damping low=wall_low high=wall_high",
+    "friction_ripple amplitude=level_ripple period=level_period phase=level_phase",
     "viscous_warm_up rise=viscous_rise time_constant=viscous_time",
 )
 ADDED = tuple(ADDED_FIELDS)
@@ -203,6 +204,13 @@ class Bands:
             damping = float(uniform(0.1, 0.4)) * np.sqrt(stiffness * axis["mass"])
             ends = {"low": low + depth, "high": high - depth}
             return {"stiffness": stiffness, "damping": damping} | ends
+        if slug == "friction_ripple":
+            period = float(uniform(0.03, 0.15)) * span
+            return {
+                "amplitude": float(uniform(0.1, 0.3)) * stretch,
+                "period": period,
+                "phase": phase,
+            }
         if slug == "viscous_warm_up":
             rise = float(uniform(0.5, 1.5) * stretch) * axis["viscous"]
             return {"rise": rise, "time_constant": float(uniform(0.15, 0.5)) * record}

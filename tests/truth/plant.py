@@ -48,6 +48,7 @@ Added to the catalogue later, and no part of the blind conditions:
     load_encoder_backlash  as backlash, the encoder reads the load's position
     end_stop            e = - max(0, stiffness d + damping v) at d = x - high > 0, and
                         e = + max(0, stiffness d - damping v) at d = low - x > 0
+    friction_ripple     g multiplied by 1 + amplitude sin(2 pi x/period + phase)
     viscous_warm_up     e = - rise exp(-t/time_constant) v
 
 Outside the product's catalogue:
@@ -92,6 +93,7 @@ DEFAULTS = dict(
     load_encoder=0.0,  # 1: the encoder is on the load
     wall_stiffness=0.0, wall_damping=0.0, wall_low=0.0, wall_high=0.0,
     viscous_rise=0.0, viscous_time=1.0,
+    level_ripple=0.0, level_period=1.0, level_phase=0.0,
 )  # fmt: skip
 Plant = namedtuple("Plant", DEFAULTS, defaults=DEFAULTS.values())
 
@@ -143,6 +145,8 @@ def _level(p, t, x, speed, w, s, wander):
         g *= 1.0 + p.warm_rise * exp(-t / p.warm_time)
     if p.defect != 0.0:
         g *= 1.0 + p.defect * exp(-(((x - p.defect_place) / p.defect_width) ** 2))
+    if p.level_ripple != 0.0:
+        g *= 1.0 + p.level_ripple * sin(2.0 * pi * x / p.level_period + p.level_phase)
     if p.excess != 0.0:
         if speed < 0.0:
             g *= 1.0 + p.excess

@@ -34,6 +34,7 @@ from dryfric_control.model.effects.interval import Interval as Interval
 from dryfric_control.model.effects.levels import CoulombAsymmetry as CoulombAsymmetry
 from dryfric_control.model.effects.levels import Drift as Drift
 from dryfric_control.model.effects.levels import DwellTime as DwellTime
+from dryfric_control.model.effects.levels import FrictionRipple as FrictionRipple
 from dryfric_control.model.effects.levels import LoadAsymmetry as LoadAsymmetry
 from dryfric_control.model.effects.levels import LoadDependence as LoadDependence
 from dryfric_control.model.effects.levels import PositionDependence as PositionDependence

@@ -56,7 +56,7 @@ class View(Protocol):
     dt: float  # [s]
 
     def waves(self, kind: str) -> tuple[list[float], float]:
-        """Strongest frequencies of "force" or "reading" along x, or of "time"; lobes searched."""
+        """Strongest frequencies of a kind, see `sines`, and the number of lobes searched."""
 
 
 class Column(NamedTuple):
@@ -97,8 +97,12 @@ def sine(**others: float) -> Callable[[Sequence[float]], dict[str, float]]:
 
 
 def sines(view: View, kind: str) -> Iterator[Column]:
-    """Sines at the strongest frequencies of a "force" or "reading" along x, or of "time"."""
+    """Sines at the strongest frequencies.
+
+    Of a "force", the "friction" or a "reading" along x, or of a force over "time".
+    """
     waves, lobes = view.waves(kind)
+    size = friction(view) if kind == "friction" else 1.0
     for wave in waves:
         angle = 2.0 * math.pi * wave * (view.t if kind == "time" else view.x)
         values = sine(frequency=wave) if kind == "time" else sine(period=1.0 / wave)
@@ -106,7 +110,12 @@ def sines(view: View, kind: str) -> Iterator[Column]:
         if kind == "reading":
             yield Column(values, (), pair, shapes=lobes)
         else:
-            yield Column(values, pair, shapes=lobes)
+            yield Column(values, [size * one for one in pair], shapes=lobes)
+
+
+def friction(view: View) -> Floats:
+    """Force of the Coulomb level, raised by a Stribeck peak [N]."""
+    return -view.direction * view.level * view.lift
 
 
 def peaks(view: View, name: str, force: Floats, positive: bool = False) -> Iterator[Column]:

@@ -16,9 +16,11 @@ from dryfric_control.model.effects.columns import (
     View,
     breakaway_levels,
     fades,
+    friction,
     peaks,
     proportional_column,
     simulated_column,
+    sines,
 )
 from dryfric_control.model.effects.effect import (
     BaseAxis,
@@ -155,12 +157,74 @@ class PositionDependence(Effect):
     def columns(cls, view: View) -> Iterator[Column]:
         # A parabola over position, about the middle of the travel.
         q = view.x - view.middle
-        level = -view.direction * view.level * view.lift
+        level = friction(view)
 
         def values(c: Sequence[float]) -> dict[str, float]:
             return {"slope": float(c[0]), "curvature": float(c[1]), "centre": view.middle}
 
         yield Column(values, (level * q, level * q**2))
+
+
+@register_effect
+class FrictionRipple(Effect):
+    r"""Coulomb level that repeats along the travel.
+
+    Notes
+    -----
+    .. math:: F_c \to F_c \left(1 + \text{amplitude} \cdot
+        \sin(2\pi x / \text{period} + \text{phase})\right)
+
+    Examples
+    --------
+    A drive of 7 N moves it where the level is 6 N, not where it is 10 N:
+
+    >>> import dryfric_control as dfc
+    >>> axis = dfc.FrictionAxis(mass=2.0, viscous=15.0, coulomb=8.0,
+    ...                         effects=(dfc.effects.FrictionRipple(amplitude=0.25, period=0.04),))
+    >>> [int(axis.simulate([7.0] * 10, dt=1e-3, x0=x).mode[-1]) for x in (0.01, 0.03)]
+    [0, 1]
+    """
+
+    amplitude: float = parameter("1", "amplitude over the level", bounds=(0.0, 1.0), size=0.1)
+    period: float = parameter("m", "period", bounds=(1e-300, math.inf))
+    phase: float = parameter("rad", "phase at x = 0", default=0.0, kind="angle")
+
+    action = "friction"
+    rank = 13.5
+    repeats = True
+    explanation = (
+        "Dry friction repeats along the travel: a bent screw, a shaft or seal that is not round, "
+        "the waves of a harmonic drive."
+    )
+    experiment = (
+        "Crawl both ways over many periods: half the difference of the two forces ripples with "
+        "position; their mean does so with cogging."
+    )
+
+    @property
+    def shortest_length(self) -> float:
+        """A quarter of the period."""
+        return 0.25 * self.period if self.amplitude > 0.0 else math.inf
+
+    @property
+    def periods(self) -> tuple[float, float]:
+        """It repeats along the travel."""
+        return math.inf, self.period
+
+    def slopes(self, axis: BaseAxis, speed: float) -> Slopes:
+        return Slopes(place=2.0 * math.pi * self.amplitude / self.period, relative=1.0)
+
+    @staticmethod
+    def law(t, x, v, u, level, direction, rest, p):  # type: ignore[no-untyped-def]
+        return level * p[0] * math.sin(2.0 * math.pi * x / p[1] + p[2])
+
+    def bounds(self, box: Box) -> Interval:
+        wave = (box.x * (2.0 * math.pi / self.period) + self.phase).sine()
+        return box.level * (self.amplitude * wave)
+
+    @classmethod
+    def columns(cls, view: View) -> Iterator[Column]:
+        yield from sines(view, "friction")
 
 
 class LoadFriction(Effect):

@@ -971,16 +971,20 @@ class Bounds(NamedTuple):
 def _bounds(plant, drive, t, d, state):
     """Bounds over d of one mass that the drive moves."""
     numbers, y, p = plant.numbers, state[step.X], state[step.V]
-    felt = max(abs(drive.start), abs(drive.start + drive.slope * d)) + abs(drive.fade)
-    w = abs(step.load_under(plant, 0.0, t, y, p, math.copysign(1.0, p), state[step.REST])) + felt
+    s, rest = math.copysign(1.0, p), state[step.REST]
+    others = step.load_under(plant, 0.0, t, y, p, s, rest)
+    last = drive.start + drive.slope * d
+    # A level may grow with all that the teeth carry; what moves the mass is the sum.
+    w = abs(others) + max(abs(drive.start), abs(last)) + abs(drive.fade)
+    net = max(abs(others + drive.start), abs(others + last)) + abs(drive.fade)
     level = max(
-        step.breakaway_level(plant, t, y, w, 1.0, state[step.REST]),
-        step.breakaway_level(plant, t, y, w, -1.0, state[step.REST]),
+        step.breakaway_level(plant, t, y, w, 1.0, rest),
+        step.breakaway_level(plant, t, y, w, -1.0, rest),
     )
     # An elastic contact is damped besides; a rigid one brakes what is left at rest.
     slowest = abs(p) if plant.integers[step.STRUCTURE] & step.CONTACT else numbers[step.STICK_SPEED]
     braking = numbers[step.STICK_RATE] * min(abs(p), slowest)
-    by_force = (w + _GROWN * level + numbers[step.VISCOUS] * abs(p)) * numbers[step.INVERSE_MASS]
+    by_force = (net + _GROWN * level + numbers[step.VISCOUS] * abs(p)) * numbers[step.INVERSE_MASS]
     speed = abs(p) + d * (by_force + braking)
     loads, levels = step.hold_rate(plant, step.drive_rate(drive), y, speed, by_force + braking)
     rate = loads + levels + numbers[step.VISCOUS] * (by_force + braking)
@@ -1074,6 +1078,14 @@ def _first_touch(plant, drive, t, d, lead, most, known, memory, scratch, events,
     return (0.0 if a == d else a), start, b, end
 
 
+@step.internal(forceinline=True)
+def _stays_stuck(plant, state, known, scratch, count):
+    """Whether a mass on a rigid contact was at rest all the way from `state` to `scratch`."""
+    rests = state[step.MODE] == 0.0 and scratch[step.MODE] == 0.0
+    rigid = plant.integers[step.STRUCTURE] & step.CONTACT == 0
+    return rests and rigid and count[step.LISTED] == known
+
+
 @step.internal
 def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, count):
     """Part of a motion in contact in which the contact first pulls: both ends, and forces there."""
@@ -1082,11 +1094,20 @@ def _first_pull(plant, drive, t, d, end, side, known, memory, scratch, events, c
     finest, state, hidden = _FINEST_LOOK * d, step.spare_memory(), plant.numbers[step.ALLOWED]
     _state_of_one(plant, memory, state)
     start = _push(plant, drive, t, state, side)
-    bounds = _bounds(plant, drive, t, d, state)
-    share = plant.numbers[step.INVERSE_MASS] / plant.numbers[step.INVERSE_MOTOR]
-    rate, bends, swing = share * bounds.rate + step.drive_rate(drive), share * bounds.bends, 0.0
-    if bends > 0.0 and start + end < (rate + bends) * d:
-        swing = share * _swing(plant, drive, t, d, state, bounds)
+    rate = step.drive_rate(drive)
+    bends = 0.0
+    swing = 0.0
+    if _stays_stuck(plant, state, known, scratch, count):
+        # What is left of its velocity fades.
+        fade = plant.numbers[step.STICK_RATE]
+        rate += fade * fade * abs(state[step.V]) / plant.numbers[step.INVERSE_MOTOR]
+    else:
+        bounds = _bounds(plant, drive, t, d, state)
+        share = plant.numbers[step.INVERSE_MASS] / plant.numbers[step.INVERSE_MOTOR]
+        rate += share * bounds.rate
+        bends = share * bounds.bends
+        if bends > 0.0 and start + end < (rate + bends) * d:
+            swing = share * _swing(plant, drive, t, d, state, bounds)
     a, length, force, b, looked = 0.0, d, end, d, d
     while a < d:
         b, force = d, end

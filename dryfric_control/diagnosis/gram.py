@@ -370,6 +370,8 @@ class Gram:
             levels = self._costs(self.likelihood, self._parts)
 
         def run(name: str, column: Column) -> tuple[FloatArray, float] | None:
+            if self.problem.is_overdue:
+                return None
             try:
                 likelihood = self._simulated(name, column)
                 z = likelihood.start(noises=self.noises)
@@ -384,7 +386,8 @@ class Gram:
 
         tasks = self._promising_shapes(tasks)
         found = self.problem.parallel(run, *(zip(*tasks, strict=True) if tasks else ((), ())))
-        self._note_no_numbers([name for name, _ in tasks], found)
+        if not self.problem.is_overdue:
+            self._note_no_numbers([name for name, _ in tasks], found)
         for (name, column), row in zip(tasks, found, strict=True):
             if row is not None and np.any(row[0]):
                 yield name, column, row[0], row[1]
@@ -408,6 +411,8 @@ class Gram:
             return [*tasks]
 
         def costs(name: str, column: Column) -> list[float]:
+            if self.problem.is_overdue:
+                return [math.inf] * len(self._parts)
             try:
                 return self._costs(self._simulated(name, column).on(runs), self._parts)
             except ValueError as problem:

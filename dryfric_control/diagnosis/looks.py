@@ -290,7 +290,9 @@ class ProposalFits:
     def _first_fit(self, one: Proposal) -> PartialFit | None:
         problem = self.problem
         now = self.now
-        until = self.problem.until
+        until = problem.until
+        if problem.is_overdue:
+            return None
         try:
             likelihood = problem.likelihood(one.axis, (*self.free, *one.free), each=each_of(now))
             # A random force that accelerates as much.

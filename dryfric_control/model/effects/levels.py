@@ -224,7 +224,8 @@ class FrictionRipple(Effect):
 
     @classmethod
     def columns(cls, view: View) -> Iterator[Column]:
-        yield from sines(view, "friction")
+        for one in sines(view, "friction"):
+            yield one._replace(most=1.0)
 
 
 class LoadFriction(Effect):

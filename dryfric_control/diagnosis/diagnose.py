@@ -573,6 +573,8 @@ def _search(problem: Problem, tell: Callable[..., None]) -> tuple[Search, Model,
         first_search = search
         search = Search(problem, tell, search.not_tried, now=search.now)
         begun = search.fit_nominal()
+        if not forces.causes:
+            begun = min(begun, forces.fit, key=cost_of)
         # The least smoothing: a smoother input may hide that it does not cause the motion.
         problem = search.problem = denoised_inputs(problem, recorded, begun, most=False)
         if problem.runs is not recorded:

@@ -1017,6 +1017,12 @@ class Gram:
                 axis = with_values(axis, self.base, self._change_base(axis, c[: len(self.base)]))
             yield axis, tuple(free)
 
+    @property
+    def base_alone(self) -> FrictionAxis:
+        """The model with its base moved along, without any item."""
+        *_, (axis, _) = self._axes([])
+        return axis
+
     def _change_base(self, axis: FrictionAxis, c: FloatArray) -> FloatArray:
         """Base parameters after relative changes, with their sign and within their bounds."""
         now = values_of(axis, self.base)

@@ -158,7 +158,8 @@ class Search:
     def by_force(self) -> tuple[Model, bool]:
         """The model with all causes that the force of the motion shows, fitted.
 
-        And whether the force shows that friction builds up after reversals.
+        With its base alone where it shows none.  And whether it shows that friction builds up
+        after reversals.
         """
         problem, nominal = self.problem, self.problem.nominal_fit
         axis = problem.believed
@@ -196,7 +197,8 @@ class Search:
             others = gram.forces_shown(room, by_drive=False)
             begins += self._force_starts(gram, names, *others, by_drive=False)
         if not begins:
-            return Model(nominal), builds_up
+            start = Start(gram.base_alone, problem.free_of(nominal))
+            return self._fit_starts([(start, ())])[0], builds_up
         level_free = problem.moves_in_jumps and "coulomb" in problem.base
         if level_free and PEAK in self._candidate_effects(Model(nominal)):
             begins += [(self._with_peak(start), (*causes, PEAK)) for start, causes in begins]

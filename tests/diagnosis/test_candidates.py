@@ -325,6 +325,23 @@ def test_one_effect_at_a_time_builds_friction_up():
     assert all(len(some - {"bias_force"}) == 1 for some in sets)
 
 
+def test_no_shape_with_a_memory_is_tried_after_the_time_limit():
+    problem = Problem(AXIS, (prepare(driven(SPRUNG)),))
+    failed = list[str]()
+    fit = problem.fit(AXIS)
+    late = dataclasses.replace(problem, until=0.0)
+    for one, tried in ((problem, True), (late, False)):
+        gram = Gram(one, fit, ["presliding"], lambda name, reason: failed.append(name))
+        gram.simulate()
+        assert any(item.name == "presliding" for item in gram.items) is tried
+    assert not failed  # it may be right
+
+
+def test_the_base_alone_is_that_of_the_model_where_none_is_free():
+    problem = Problem(AXIS, (prepare(driven(SPRUNG)),), known=("mass", "viscous", "coulomb"))
+    assert Search(problem)._by_force(problem.nominal_fit).base_alone == AXIS
+
+
 def test_what_came_to_nothing_is_not_fitted_again_with_other_inputs():
     problem = Problem(AXIS, (prepare(driven(SPRUNG)),))
     now = Model(problem.fit(AXIS))

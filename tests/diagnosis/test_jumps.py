@@ -5,6 +5,9 @@ import pytest
 from diagnosis_cases import among
 
 import dryfric_control as dfc
+from dryfric_control.diagnosis.problem import Problem
+from dryfric_control.diagnosis.search import Search
+from dryfric_control.estimation.likelihood import prepare
 from dryfric_control.estimation.smoothed_motion import SmoothedMotion
 from dryfric_control.records.motion import breakaways
 
@@ -59,6 +62,28 @@ def test_the_force_is_read_at_breakaways_where_slips_end_within_the_kernel(recor
     t = 1e-3 * np.arange(4000)
     slides = dfc.Record(t, np.sin(6.0 * t), 0.01 * np.sin(6.0 * t), quantum=1e-6)
     assert not SmoothedMotion.where_force_shows(slides, 2.0).in_jumps
+
+
+def with_spring(stiffness):
+    peak, spring = dfc.Stribeck(0.5, 0.002), dfc.effects.Spring(stiffness, 0.02)
+    return dfc.FrictionAxis(20.0, 400.0, 120.0, stribeck=peak, effects=(spring,))
+
+
+@pytest.mark.parametrize("stiffness", [2400.0, 3600.0, 4500.0])
+def test_wrong_nominal_values_are_those_that_the_force_shows(record, stiffness):
+    # From the nominal ones alone a fit ends beside a large random force: 1530 N/m for 4500.
+    problem = Problem(with_spring(stiffness), (prepare(record[:1500]),))
+    model, _ = Search(problem).by_force()
+    assert not model.causes
+    assert model.fit.axis.named_effects()["spring"].stiffness == pytest.approx(3000.0, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_nominal_spring_that_is_half_too_stiff_is_found(record):
+    with among("spring", "stribeck", "bias_force", "load_dependence", "cogging"):
+        found = dfc.diagnose(with_spring(4500.0), record[:1500], jobs=1, progress=False)
+    assert found.causes[0].effect == "spring"
+    assert found.extended.named_effects()["spring"].stiffness == pytest.approx(3000.0, rel=0.02)
 
 
 @pytest.mark.slow

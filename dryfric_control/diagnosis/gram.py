@@ -575,6 +575,12 @@ class Gram:
             found[one.name] = min(found.get(one.name, math.inf), unit * float(left @ left))
         return found
 
+    def least_left_by_law(self) -> float:
+        """The least of these but for effects whose law may have any shape."""
+        left = self.squares_left().items()
+        lawful = (n in ("", REVERSAL) or not effect_class(n).any_shape for n, _ in left)
+        return min(size for (_, size), law in zip(left, lawful, strict=True) if law)
+
     def item_of_any_shape(self, most: float) -> int | None:
         """The effect whose law may have any shape, if that leaves less squares than `most`.
 

@@ -255,13 +255,14 @@ class Search:
     def with_any_shape(self, now: Model) -> Model | None:
         """A model with an effect whose law may have any shape, beside or in place of the causes.
 
-        If that leaves less than half of the squared force that the model leaves, and is likelier.
+        If that leaves less than half of the squared force that any effect with a law of its own
+        leaves, and is likelier.
         """
         problem, nominal = self.problem, Model(self.problem.nominal_fit)
         best, most = now, math.inf
         for one in (now, nominal) if now.causes else (nominal,):
             gram = self._by_force(one.fit, one.causes, self._effects_of_any_shape())
-            most = min(most, MAX_UNEXPLAINED_FRACTION**2 * gram.squares_left()[""])
+            most = min(most, MAX_UNEXPLAINED_FRACTION**2 * gram.least_left_by_law())
             shape = gram.item_of_any_shape(most)
             for start in gram.starts([shape]) if shape is not None else ():
                 free = (*problem.free_of(one.fit), *start.free)

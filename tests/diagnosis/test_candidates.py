@@ -325,6 +325,12 @@ def test_one_effect_at_a_time_builds_friction_up():
     assert all(len(some - {"bias_force"}) == 1 for some in sets)
 
 
+@pytest.mark.parametrize("effect", [dfc.effects.BiasForce(3.0), dfc.effects.Spring(80.0, 0.1)])
+def test_a_force_of_any_shape_does_not_stand_for_a_law(effect):
+    problem = Problem(AXIS, (prepare(driven(AXIS.replace(effects=(effect,)))),))
+    assert Search(problem).with_any_shape(Model(problem.nominal_fit)) is None
+
+
 def test_no_shape_with_a_memory_is_tried_after_the_time_limit():
     problem = Problem(AXIS, (prepare(driven(SPRUNG)),))
     failed = list[str]()
